@@ -12,6 +12,7 @@ SOURCE = Path(__file__).parents[1] / "src" / "scenetruth"
 TESTS = Path(__file__).parent
 
 LEAVES = {
+    "bands",
     "cache",
     "compilation",
     "discovery",
@@ -31,6 +32,7 @@ LEAVES = {
     "validated_model",
 }
 MAY_IMPORT = {
+    "bands": {"validated_model"},
     "cache": set(),
     "errors": set(),
     "compilation": {"errors"},
@@ -124,10 +126,11 @@ SCENE_MAY_IMPORT = {
     "vertex_animation": {"taylor", "motion", "deformation", "mesh", "reference_configuration"},
     "texture": {"mesh", "picture_file"},
     "leaf": {"mesh", "texture"},
+    "band_textures": {"mesh", "texture"},
     "lighting": {"motion"},
     "material": set(),
     "scene_object": {"motion", "deformation", "mesh", "vertex_animation", "texture", "material"},
-    "plant": {"motion", "deformation", "leaf", "material", "scene_object"},
+    "plant": {"motion", "deformation", "leaf", "material", "scene_object", "band_textures"},
     "scene_models": {"texture", "lighting", "scene_object", "plant"},
     "field_paths": set(),
     "suggestions": {"scene_models"},
@@ -135,7 +138,7 @@ SCENE_MAY_IMPORT = {
     "scene_loader": {"yaml_reader", "scene_models", "suggestions"},
     "built_scene": {
         *("taylor", "motion", "deformation", "mesh", "surface_tensor_kernels", "reference_configuration"),
-        *("vertex_animation", "texture", "material", "scene_object", "scene_models"),
+        *("vertex_animation", "texture", "material", "scene_object", "scene_models", "band_textures"),
     },
     "scene_report": {"texture", "lighting", "scene_models", "built_scene"},
 }

@@ -66,7 +66,8 @@ def blank_recording(scene: Scene, attrs: Mapping[str, Any] | None = None, *, sav
     camera, stage, sensor = scene.camera, scene.stage, build_sensor_chain(scene.sensor)
     rows = (stage.rows,) if stage.rows > 1 else ()
     shape = (*rows, stage.positions, scene.frames.count, camera.height, camera.width)
-    arrays = {"image": blank_map(sensor.dtype, shape)}
+    channels = sensor.channels(camera.bands)
+    arrays = {"image": blank_map(sensor.dtype, (*shape, len(channels)) if channels else shape)}
     schedule = build_schedule(scene)
     times = np.array(
         [
@@ -75,7 +76,7 @@ def blank_recording(scene: Scene, attrs: Mapping[str, Any] | None = None, *, sav
         ]
     )
     if save_radiance:
-        arrays["radiance"] = blank_map(np.float32, shape)
+        arrays["radiance"] = blank_map(np.float32, (*shape, len(camera.bands)) if camera.bands else shape)
     return label(
         "recording",
         arrays,
@@ -85,6 +86,7 @@ def blank_recording(scene: Scene, attrs: Mapping[str, Any] | None = None, *, sav
         stage_x_mm=stage.x_mm,
         stage_y_mm=stage.y_mm if rows else None,
         planned_time_s=times if rows else times[0],
+        channel=channels or camera.bands or None,
         attrs={"full_scale": float(sensor.full_scale), **acquisition_attributes(scene), **(attrs or {})},
     )
 

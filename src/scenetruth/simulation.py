@@ -113,11 +113,11 @@ def simulate(
     Returns
     -------
     Simulation
-        Named tuple ``(recording, truth)`` in memory: the recording with ``image`` (s, t, y, x) and optionally
-        ``radiance``, and the truth with maps (t, y, x) or (s, t, y, x). The recording contains the nominal poses and
-        times of the images, the truth the actual values. If the stage has rows, ``s_y`` precedes ``s``. `run_scene`
-        with
-        ``stages=("render",)`` writes both to disk image by image.
+        Named tuple ``(recording, truth)`` in memory: the recording with ``image`` (s, t, y, x), or (s, t, y, x,
+        channel) for a camera with bands, and optionally ``radiance``, and the truth with maps (t, y, x) or
+        (s, t, y, x). The recording contains the nominal poses and times of the images, the truth the actual values. If
+        the stage has rows, ``s_y`` precedes ``s``. `run_scene` with ``stages=("render",)`` writes both to disk image by
+        image.
 
     Raises
     ------
@@ -209,7 +209,7 @@ class _Work:
         self.provenance = provenance_attributes(scene)
         self.warnings: list[str] = []
         sensor, shape = build_sensor_chain(scene.sensor), (scene.camera.height, scene.camera.width)
-        self._sensor = sensor.open(shape, partial(generator_for, scene.seed, "sensor"))
+        self._sensor = sensor.open(shape, partial(generator_for, scene.seed, "sensor"), scene.camera.bands)
         self._previous: LinearImage | None = None
         self._brightest = 0.0
 

@@ -162,12 +162,15 @@ class FrozenModel(BaseModel):
 
 
 def _has_boolean(given: Any) -> bool:
-    return isinstance(given, bool) or (isinstance(given, list | tuple) and any(map(_has_boolean, given)))
+    parts = given.values() if isinstance(given, dict) else given if isinstance(given, list | tuple) else ()
+    return isinstance(given, bool) or any(map(_has_boolean, parts))
 
 
 def _booleans_as_text(given: Any) -> Any:
     if isinstance(given, bool):
         return "true" if given else "false"
+    if isinstance(given, dict):
+        return {key: _booleans_as_text(each) for key, each in given.items()}
     return [_booleans_as_text(each) for each in given] if isinstance(given, list | tuple) else given
 
 

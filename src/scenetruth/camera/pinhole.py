@@ -9,8 +9,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
 
+from scenetruth.bands import BandName
 from scenetruth.validated_model import Finite, FrozenModel, Positive
 
 __all__ = ["Camera", "Distortion", "PixelRays", "pixel_rays"]
@@ -158,6 +159,27 @@ class Camera(FrozenModel):
     """(c_x, c_y) in pixel indices; default: the image centre ((W-1)/2, (H-1)/2)."""
     distortion: Distortion | None = None
     """Lens distortion; null for an ideal pinhole."""
+    bands: Annotated[tuple[BandName, ...], Field(max_length=16)] = ()
+    """Names of the bands of light that are recorded, such as ``[red, green, blue]`` or ``[red, nir_850]``; empty for a
+    grey camera.
+    """
+
+    @field_validator("bands")
+    @classmethod
+    def _unique_bands(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        twice = sorted({name for name in value if value.count(name) > 1})
+        if twice:
+            msg = f"must be unique; used more than once: {', '.join(twice)}"
+            raise ValueError(msg)
+        return value
+
+    @model_serializer(mode="wrap")
+    def _write(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Omit the bands of a grey camera, so that the hashes of its scenes remain."""
+        plain: dict[str, Any] = write(self)
+        if not self.bands:
+            plain.pop("bands", None)
+        return plain
 
     @model_validator(mode="after")
     def _one_focal_length(self) -> Camera:

@@ -25,7 +25,7 @@ from scenetruth.render.sampling_rules import (
 from scenetruth.render.shading import PixelLight
 from scenetruth.scene.built_scene import BuiltScene, SceneBody
 from scenetruth.scene.lighting import Lighting
-from scenetruth.scene.texture import Picture, SurfaceTexture
+from scenetruth.scene.texture import Picture, SurfaceTexture, TintedTexture
 
 if TYPE_CHECKING:
     from scenetruth.render.footprint_kernels import Raster
@@ -69,6 +69,10 @@ def _raster_of(texture: SurfaceTexture) -> Raster | None:
     """Return the raster of a texture whose radiance is its interpolation, else None."""
     from scenetruth.render.footprint_kernels import Raster
 
+    if isinstance(texture, TintedTexture):
+        found = _raster_of(texture.untinted)
+        factor = texture.factor
+        return None if found is None else found._replace(gain=found.gain * factor, mean=found.mean * factor)
     if isinstance(texture, Picture):
         return Raster(texture.values, False, texture.tiled, 1.0, 0.0)
     coefficients = getattr(texture, "coefficients", None)
@@ -286,7 +290,8 @@ class AdaptiveRenderer(RaycastRenderer):
             if item.texture.cubic:
                 continue
             every = np.flatnonzero((body == index) & (rules != NO_RULE))
-            lowest, highest = _block_ranges(item.texture)
+            tinted = item.texture if isinstance(item.texture, TintedTexture) else TintedTexture(item.texture, 1.0)
+            lowest, highest = _block_ranges(tinted.untinted)
             for first in range(0, len(every), _PIXELS_PER_PIECE):
                 pixels = every[first : first + _PIXELS_PER_PIECE]
                 uv, step = place[pixels], steps[pixels].astype(np.float64)
@@ -294,7 +299,7 @@ class AdaptiveRenderer(RaycastRenderer):
                     uv -= np.floor(uv)
                 places = (uv * self._texels[index] - 0.5) / _BLOCK
                 ranges = texture_ranges(lowest, highest, item.texture.tiled, places, step / _BLOCK)
-                slope = ranges * np.clip(step, 1.0, 1e9)
+                slope = max(tinted.factor, 1.0) * ranges * np.clip(step, 1.0, 1e9)
                 chosen = np.full(len(pixels), max(_SLOPES), dtype=np.uint8)
                 for rule, inverse in sorted(_SLOPES.items(), reverse=True):
                     chosen[slope <= inverse * self._image_error] = rule
@@ -398,7 +403,7 @@ class AdaptiveRenderer(RaycastRenderer):
         first, count, offsets, weights = _rule_table()
         light = LampLight(np.empty((0, 0)), np.empty(0, dtype=np.uint64), 0.0)
         if faceted and canvas.by_lamp is not None:
-            light = LampLight(canvas.by_lamp, canvas.blocked[pixels], float(self._lighting.ambient or 0.0))
+            light = LampLight(canvas.by_lamp, canvas.blocked[pixels], self._lighting.ambient_irradiance)
         meeting = np.empty(0, dtype=np.bool_) if view.face_light is None else view.face_light.meeting
         footprints = Footprints(pixels, first[chosen], count[chosen], offsets, weights, meeting)
         arrived, means = average_footprints(view.mesh, view.rays, footprints, raster, light)
@@ -430,7 +435,7 @@ class AdaptiveRenderer(RaycastRenderer):
             piece, face, uv = piece[arrived], face[arrived], uv[arrived]
             radiance = item.texture.radiance(uv.reshape(-1, 2)).reshape(face.shape)
             if faceted and canvas.by_lamp is not None:
-                blocked, ambient = canvas.blocked[piece], self._lighting.ambient or 0.0
+                blocked, ambient = canvas.blocked[piece], self._lighting.ambient_irradiance
                 canvas.image[piece] = lit_means(radiance, face, canvas.by_lamp, blocked, ambient, weights)
                 canvas.lit[piece] = True
             else:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from scenetruth.bands import as_number
 from scenetruth.camera import Camera
 from scenetruth.errors import BackendUnavailableError
 from scenetruth.render.lens_and_shutter import open_behind_lens
@@ -60,7 +61,8 @@ def _pyrender(scene: Scene, world: BuiltScene, wrap: Wrap | None) -> BackendChoi
     settings = scene.render
 
     def open_renderer(camera: Camera, supersampling: int) -> Renderer:
-        return PyrenderRenderer(world, camera, scene.background, supersampling, settings.platform, scene.lighting)
+        background, platform = as_number(scene.background), settings.platform
+        return PyrenderRenderer(world, camera, background, supersampling, platform, scene.lighting)
 
     renderer = _behind_lens(scene, world, open_renderer, wrap)
     on_egl = settings.platform == "auto" and renderer.name != "pyrender (osmesa)"
@@ -70,21 +72,26 @@ def _pyrender(scene: Scene, world: BuiltScene, wrap: Wrap | None) -> BackendChoi
 def _raycast(scene: Scene, world: BuiltScene, wrap: Wrap | None, reason: str) -> BackendChoice:
     from scenetruth.raycast import Topology
     from scenetruth.render.adaptive_raycast import AdaptiveRenderer
-    from scenetruth.render.raycast_backend import RaycastRenderer
+    from scenetruth.render.raycast_backend import BandRenderer, RaycastRenderer
 
     topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
 
     settings = scene.render
     exact = settings.supersampling == "auto" and settings.edges == "sampled"
 
-    def open_renderer(camera: Camera, supersampling: int) -> Renderer:
+    def open_band(camera: Camera, supersampling: int, grey: Scene, painted: BuiltScene) -> RaycastRenderer:
+        background, lighting = as_number(grey.background), grey.lighting
         if exact:
             error = settings.image_error
-            return AdaptiveRenderer(world, camera, scene.background, scene.lighting, topology, image_error=error)
+            return AdaptiveRenderer(painted, camera, background, lighting, topology, image_error=error)
         adaptive = settings.edges == "adaptive"
-        return RaycastRenderer(
-            world, camera, scene.background, supersampling, scene.lighting, topology, adaptive=adaptive
-        )
+        return RaycastRenderer(painted, camera, background, supersampling, lighting, topology, adaptive=adaptive)
+
+    bands = list(zip(scene.band_scenes(), world.bands or (world,), strict=True))
+
+    def open_renderer(camera: Camera, supersampling: int) -> Renderer:
+        opened = [open_band(camera, supersampling, *band) for band in bands]
+        return BandRenderer(opened) if scene.camera.bands else opened[0]
 
     def another() -> Renderer:
         return _behind_lens(scene, world, open_renderer, wrap)

@@ -90,9 +90,11 @@ def motion_px(
 
 
 def blurred(fine: NDArray[np.float64], psf: Psf, parts: int) -> NDArray[np.float64]:
-    """Convolve an image of subpixels, shape (y, x), with a point spread function (periodic, needs a margin)."""
+    """Convolve an image of subpixels, shape (y, x[, band]), with a point spread function (periodic, needs a margin)."""
     from scipy import fft
 
+    if fine.ndim == 3:
+        return np.stack([blurred(band, psf, parts) for band in np.moveaxis(fine, -1, 0)], axis=-1)
     rows, columns = (fft.next_fast_len(size, real=True) for size in fine.shape)
     # Edge padding to a fast FFT length avoids steps at the periodic border.
     padded = np.pad(fine, ((0, rows - fine.shape[0]), (0, columns - fine.shape[1])), mode="edge")
@@ -136,22 +138,19 @@ class LensRenderer(Renderer):
         if psf is not None:
             fine = blurred(fine, psf, parts)
         height, width = self._camera.height, self._camera.width
-        image = fine.reshape(height + 2 * margin, parts, width + 2 * margin, parts).mean(axis=(1, 3))
+        bands = fine.shape[2:]
+        image = fine.reshape(height + 2 * margin, parts, width + 2 * margin, parts, *bands).mean(axis=(1, 3))
         image = image[margin : margin + height, margin : margin + width]
         if self._shade is not None:
-            image = image * self._shade
+            image = image * self._shade.reshape(*self._shade.shape, *(1 for _ in bands))
         return np.asarray(image, dtype=np.float32)
 
     def _mean(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float64]:
         shutter = self._shutter
         offsets_s, points_mm = self._samples(t, viewpoint)
         focus = np.inf if self._optics.defocus is None else self._optics.defocus.focus_distance_mm
-        total = np.zeros(
-            (
-                (self._camera.height + 2 * self._margin) * self._parts,
-                (self._camera.width + 2 * self._margin) * self._parts,
-            )
-        )
+        size = (self._camera.height + 2 * self._margin, self._camera.width + 2 * self._margin)
+        total: NDArray[np.float64] | None = None
         for offset_s, point in zip(offsets_s, points_mm, strict=True):
             partial = viewpoint.directions_to_world(np.array([point[0], point[1], 0.0]))
             shear = (-float(point[0]) / focus, -float(point[1]) / focus)
@@ -163,7 +162,10 @@ class LensRenderer(Renderer):
                 image = band.renderer.render(
                     t + later_s / self._frame_interval_s, viewpoint.moved(partial + travel, shear)
                 )
+                if total is None:
+                    total = np.zeros((*(side * self._parts for side in size), *image.shape[2:]))
                 total[first:last] += image[band.margin : band.margin + last - first]
+        assert total is not None
         return total / len(offsets_s)
 
     def _samples(self, t: float, viewpoint: Viewpoint) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

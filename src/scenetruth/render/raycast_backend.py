@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from scenetruth.render.shading import FaceLight, Shader
 from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lighting
 
-__all__ = ["RayView", "RaycastRenderer", "even_rule", "gauss_rule", "lattice_rule", "visible_uv"]
+__all__ = ["BandRenderer", "RayView", "RaycastRenderer", "even_rule", "gauss_rule", "lattice_rule", "visible_uv"]
 
 
 def visible_uv(
@@ -263,3 +263,20 @@ class RaycastRenderer(Renderer):
     def close(self) -> None:
         """Release the mesh, the only resource."""
         self._caster = None
+
+
+class BandRenderer(Renderer):
+    """Renderer of several bands, one after the other, with the same geometry."""
+
+    def __init__(self, renderers: Sequence[RaycastRenderer]) -> None:
+        self._renderers = tuple(renderers)
+        self.name = renderers[0].name
+
+    def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
+        """Return the image of all bands, shape (y, x, band), see `Renderer.render`."""
+        return np.stack([renderer.render(t, viewpoint) for renderer in self._renderers], axis=-1)
+
+    def close(self) -> None:
+        """Close the renderers of all bands."""
+        for renderer in self._renderers:
+            renderer.close()

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.bands import as_number
 from scenetruth.raycast import RayCaster, ShadowCaster, Topology
 from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lamp, Lighting
@@ -36,10 +37,7 @@ class ReflectionTables(NamedTuple):
 
 def pack_materials(materials: Sequence[Material]) -> ReflectionTables:
     """Return the parameters and tables of materials, with one row each."""
-    rows = [
-        _pack(item.refractive_index, *_roughness(item), item.metallic, item.transmittance, item.reflectance)
-        for item in materials
-    ]
+    rows = [_pack(item.refractive_index, *_roughness(item), item.metallic, *_shares(item)) for item in materials]
     return ReflectionTables(np.array([row for row, _ in rows]), np.array([table for _, table in rows]))
 
 
@@ -47,6 +45,11 @@ def _roughness(material: Material) -> tuple[float, float]:
     """Return the roughness along and across."""
     across = material.roughness
     return (across if material.roughness_along is None else material.roughness_along), across
+
+
+def _shares(material: Material) -> tuple[float, float]:
+    """Return the transmittance and the diffuse reflectance."""
+    return as_number(material.transmittance), as_number(material.reflectance)
 
 
 @lru_cache(maxsize=64)
@@ -208,7 +211,7 @@ class Reflection:
         surface = (self._tangents(caster), self._world.face_material, *self._optics)
         factors, gloss = np.zeros((2, len(points_mm)))
         state, blocked = np.zeros((2, len(points_mm)), dtype=np.uint64)
-        reflect_ambient(self._lighting.ambient or 0.0, view, surface, factors, gloss)
+        reflect_ambient(self._lighting.ambient_irradiance, view, surface, factors, gloss)
         through = self._optics.values[self._world.face_material[faces], 4] > 0
         for number, lamp in enumerate(lamps):
             if lamp.position_mm is None:

@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.scene.texture import SurfaceTexture
+from scenetruth.scene.texture import SurfaceTexture, TintedTexture
 from scenetruth.threads import with_one_blas_thread
 
 __all__ = [
@@ -145,6 +145,9 @@ def compute_longest_steps(texture: SurfaceTexture, error: float) -> Floats:
     Returns: Steps of the filter at pixel centres (`FILTER_TAPS`) and of each of `GAUSS_ORDERS`, ascending from the
     second on.
     """
+    if isinstance(texture, TintedTexture):
+        # The same rules for all bands, unless they would be too coarse for a band that is brighter than the texture.
+        return compute_longest_steps(texture.untinted, error / max(texture.factor, 1.0))
     known = _found.get(texture)
     if known is None or known[0] != error:
         known = _found[texture] = (error, _longest_steps(texture, error))

@@ -280,7 +280,7 @@ class Shader:
         """
         from scenetruth.render.shading_kernels import add_light
 
-        total = np.full(len(points_mm), self._lighting.ambient or 0.0)
+        total = np.full(len(points_mm), self._lighting.ambient_irradiance)
         state, blocked = np.zeros((2, len(points_mm)), dtype=np.uint64)
         for number, lamp in enumerate(lamps):
             light, zone, to_light, distance = light_of(lamp, points_mm, normals)
@@ -317,7 +317,7 @@ class Shader:
         corners = caster.vertices_mm[caster.topology.faces[:, 0]]
         side = np.where(np.einsum("mk,mk->m", normals, origin_mm - corners) > 0, 1.0, -1.0)
         by_lamp, bits, lines = np.zeros((len(normals), len(lamps))), np.zeros((3, len(normals)), dtype=np.uint64), []
-        total = np.full(len(normals), self._lighting.ambient or 0.0)
+        total = np.full(len(normals), self._lighting.ambient_irradiance)
         meeting = np.empty(0, dtype=np.bool_)
         for number, lamp in enumerate(lamps):
             light = lamp.irradiance * np.maximum(-(normals @ lamp.axis) * side, 0.0)

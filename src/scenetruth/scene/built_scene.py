@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.bands import as_number
 from scenetruth.errors import Problem, SceneError
 from scenetruth.input_files import collect_input_files, describe_missing
 from scenetruth.random_streams import generator_for
+from scenetruth.scene.band_textures import BandTextures
 from scenetruth.scene.deformation import DeformationModel, DeformationStep, Surroundings
 from scenetruth.scene.material import MATT, Material
 from scenetruth.scene.mesh import MeshFileError, TriangleMesh
@@ -28,7 +30,7 @@ from scenetruth.scene.reference_configuration import (
 from scenetruth.scene.scene_models import Scene, compute_image_times
 from scenetruth.scene.scene_object import SceneObject
 from scenetruth.scene.taylor import Jet
-from scenetruth.scene.texture import SurfaceTexture
+from scenetruth.scene.texture import Painted, SurfaceTexture, tint_texture
 from scenetruth.scene.texture.procedural_textures import UniformTexture
 from scenetruth.scene.vertex_animation import VertexModel
 
@@ -187,9 +189,13 @@ class Snapshot:
 
 @dataclass(frozen=True, eq=False)
 class BuiltScene:
-    """All objects of a scene with concatenated vertices and faces."""
+    """All objects of a scene with concatenated vertices and faces.
+
+    ``bands``: The same objects with the textures and materials of each band of the camera; empty for a grey camera.
+    """
 
     bodies: tuple[SceneBody, ...]
+    bands: tuple[BuiltScene, ...] = ()
 
     @cached_property
     def vertex_offsets(self) -> NDArray[np.int64]:
@@ -301,6 +307,15 @@ class BuiltScene:
         """Cached snapshots by time, oldest first."""
         return {}
 
+    def in_bands(self, bodies: Sequence[tuple[SceneBody, ...]]) -> BuiltScene:
+        """Return the scene with the objects of each band, which have the same shapes and motions."""
+        bands = tuple(BuiltScene(each) for each in bodies)
+        found = BuiltScene(self.bodies, bands)
+        for each in (found, *bands):
+            # The vertices of a time are computed once.
+            each.__dict__["_recent"] = self._recent
+        return found
+
     def surface_at(self, t: float) -> NDArray[np.float64]:
         """Return the motion and shape tensors of all surface points at time t, shape (k, 18), see `surface_tensors`."""
         return np.concatenate([body.surface_at(t) for body in self.bodies])
@@ -312,13 +327,62 @@ def build_scene(
     """Build meshes, textures and motions of a scene; ``meshes``, by names of objects, replace those it describes."""
     bodies: list[SceneBody] = []
     problems: list[Problem] = []
-    for path, item in scene.parts:
+    first, *others = scene.band_scenes()
+    for given, (path, item) in zip(scene.parts, first.parts, strict=True):
+        count = len(problems)
         # Overflow is detected and reported by the checks.
         with np.errstate(all="ignore"):
-            _build(scene, path, item, folder, painted, meshes or {}, bodies, problems)
+            _build(first, path, item, folder, painted, meshes or {}, bodies, problems)
+        problems[count:] = [_of_band(problem, given, scene.camera.bands[:1]) for problem in problems[count:]]
+    more = [tuple(bodies)] * len(others)
+    if painted and not problems:
+        more = [
+            _repaint(bodies, (scene, first, other), band, folder, problems)
+            for band, other in zip(scene.camera.bands[1:], others, strict=True)
+        ]
     if problems:
         raise SceneError(add_missing_files(problems, scene, folder))
-    return BuiltScene(tuple(bodies))
+    world = BuiltScene(tuple(bodies))
+    return world if not scene.camera.bands else world.in_bands((world.bodies, *more))
+
+
+def _of_band(problem: Problem, given: tuple[str, SceneObject], band: Sequence[str]) -> Problem:
+    """Return a problem of an object in one band with its path in the scene."""
+    path, item = given
+    prefix = f"{path}.texture."
+    if not isinstance(item.texture, BandTextures) or not problem.path.startswith(prefix):
+        return problem
+    inside = ".".join(("textures", *band, problem.path.removeprefix(prefix)))
+    return Problem(prefix + inside, problem.message, problem.value)
+
+
+def _repaint(
+    bodies: Sequence[SceneBody], scenes: tuple[Scene, Scene, Scene], band: str, folder: Path, problems: list[Problem]
+) -> tuple[SceneBody, ...]:
+    """Return the bodies with textures and materials of another band, or append problems.
+
+    ``scenes``: The scene with all bands, in the band of the bodies, and in the other band.
+    """
+    found = []
+    for body, given, (_, before), (path, item) in zip(bodies, *(scene.parts for scene in scenes), strict=True):
+        painted = Painted(body.texture, body.uv, body.uv_back)
+        if (item.texture, item.tint) != (before.texture, before.tint):
+            try:
+                painted = _paint(scenes[2], item, body.mesh, folder)
+            except SceneError as error:
+                one = [Problem(f"{path}.texture.{each.path}", each.message, each.value) for each in error.problems]
+                problems += [_of_band(problem, given, (band,)) for problem in one]
+                continue
+        materials, of_face = (body.materials, body.material_of) if item.material.from_file else ((item.material,), None)
+        texture, uv, uv_back = painted
+        found.append(replace(body, texture=texture, uv=uv, uv_back=uv_back, materials=materials, material_of=of_face))
+    return tuple(found)
+
+
+def _paint(scene: Scene, item: SceneObject, mesh: TriangleMesh, folder: Path) -> Painted:
+    """Return the texture of an object of a scene in one band."""
+    painted = item.texture.paint(mesh, folder, generator_for(scene.seed, "texture", item.name))
+    return painted._replace(texture=tint_texture(painted.texture, as_number(item.tint)))
 
 
 def add_missing_files(problems: list[Problem], scene: Scene, folder: Path) -> list[Problem]:
@@ -350,16 +414,15 @@ def _build(
     try:
         mesh = meshes.get(item.name) or item.mesh.make(folder)
         part = "texture"
-        generator = generator_for(scene.seed, "texture", item.name)
-        model = item.texture if painted else UniformTexture(kind="uniform")
-        texture, uv, uv_back = model.paint(mesh, folder, generator)
+        given = item if painted else item.model_copy(update={"texture": UniformTexture(kind="uniform"), "tint": 1.0})
+        texture, uv, uv_back = _paint(scene, given, mesh, folder)
         part = "material"
         materials, material_of = _materials(item, mesh)
         part = "deformation.0"
-        given = item.deformation[0] if item.deformation else None
+        first = item.deformation[0] if item.deformation else None
         start = (
-            given.start(mesh, folder, scene.frames)
-            if isinstance(given, VertexModel)
+            first.start(mesh, folder, scene.frames)
+            if isinstance(first, VertexModel)
             else make_reference_configuration(mesh)
         )
     except SceneError as error:

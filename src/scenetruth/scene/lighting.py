@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from scenetruth.bands import BandNonNegative, as_number
 from scenetruth.discovery import discriminated_union
 from scenetruth.scene.motion import MotionModel, Points
 from scenetruth.scene.motion.rigid_motions import Motion
-from scenetruth.validated_model import Direction, Finite, FrozenModel, NonNegative, Positive, Vector3
+from scenetruth.validated_model import Direction, Finite, FrozenModel, Positive, Vector3
 
 __all__ = ["EVERYWHERE", "DirectionalLight", "Flicker", "Lamp", "LightModel", "Lighting", "PointLight", "SpotLight"]
 
@@ -73,15 +74,15 @@ class DirectionalLight(LightModel):
     """``directional``."""
     direction: Direction
     """Propagation direction at t = 0, of any length."""
-    irradiance: NonNegative
-    """Irradiance E at normal incidence; 1 gives the radiance of the texture."""
+    irradiance: BandNonNegative
+    """Irradiance E at normal incidence, for all bands or for each; 1 gives the radiance of the texture."""
     motion: tuple[Motion, ...] = ()
     """Motion of the light; only rotations have an effect."""
 
     def lamp(self, t: float) -> Lamp:
         """Return the light at time t, see `LightModel`."""
         _, axis = moved_axis(self.motion, (0.0, 0.0, 0.0), self.direction, t)
-        return Lamp(None, axis, self.irradiance, 0.0, EVERYWHERE, EVERYWHERE)
+        return Lamp(None, axis, as_number(self.irradiance), 0.0, EVERYWHERE, EVERYWHERE)
 
 
 class PointLight(LightModel):
@@ -91,8 +92,8 @@ class PointLight(LightModel):
     """``point``."""
     position_mm: Vector3
     """World position at t = 0 in mm."""
-    irradiance: NonNegative
-    """Irradiance E at normal incidence at ``reference_distance_mm``."""
+    irradiance: BandNonNegative
+    """Irradiance E at normal incidence at ``reference_distance_mm``, for all bands or for each."""
     reference_distance_mm: Positive
     """Distance from the lamp at which ``irradiance`` is specified."""
     motion: tuple[Motion, ...] = ()
@@ -101,7 +102,7 @@ class PointLight(LightModel):
     def lamp(self, t: float) -> Lamp:
         """Return the light at time t, see `LightModel`."""
         at, _ = moved_axis(self.motion, self.position_mm, self.position_mm, t)
-        return Lamp(at, np.zeros(3), self.irradiance, self.reference_distance_mm, EVERYWHERE, EVERYWHERE)
+        return Lamp(at, np.zeros(3), as_number(self.irradiance), self.reference_distance_mm, EVERYWHERE, EVERYWHERE)
 
 
 class SpotLight(LightModel):
@@ -119,8 +120,9 @@ class SpotLight(LightModel):
     """Angle from the axis up to which the intensity is constant."""
     outer_angle_deg: Annotated[float, Field(gt=0, le=180, allow_inf_nan=False)]
     """Angle from the axis beyond which the intensity is zero; smoothstep of the cosine in between."""
-    irradiance: NonNegative
-    """Irradiance E at normal incidence inside the inner cone, at ``reference_distance_mm``."""
+    irradiance: BandNonNegative
+    """Irradiance E at normal incidence inside the inner cone, at ``reference_distance_mm``, for all bands or for each.
+    """
     reference_distance_mm: Positive
     """Distance from the lamp at which ``irradiance`` is specified."""
     motion: tuple[Motion, ...] = ()
@@ -151,7 +153,7 @@ class SpotLight(LightModel):
         ahead = at + np.asarray(self.direction) if self.target_mm is None else np.asarray(self.target_mm)
         at, axis = moved_axis(self.motion, self.position_mm, (ahead[0], ahead[1], ahead[2]), t)
         inner, outer = np.cos(np.deg2rad([self.inner_angle_deg, self.outer_angle_deg]))
-        return Lamp(at, axis, self.irradiance, self.reference_distance_mm, float(inner), float(outer))
+        return Lamp(at, axis, as_number(self.irradiance), self.reference_distance_mm, float(inner), float(outer))
 
 
 if TYPE_CHECKING:
@@ -180,8 +182,8 @@ class Lighting(FrozenModel):
     texture times brightness.
     """
 
-    ambient: NonNegative | None = None
-    """Ambient irradiance; null: 0 with lights, unlit without lights."""
+    ambient: BandNonNegative | None = None
+    """Ambient irradiance, for all bands or for each; null: 0 with lights, unlit without lights."""
     lights: tuple[Light, ...] = ()
     """The lamps."""
     shadows: bool = True
@@ -195,6 +197,11 @@ class Lighting(FrozenModel):
     def lit(self) -> bool:
         """Whether surfaces are shaded."""
         return self.ambient is not None or bool(self.lights)
+
+    @property
+    def ambient_irradiance(self) -> float:
+        """Ambient irradiance, 0 for none; requires lighting restricted to one band."""
+        return as_number(self.ambient or 0.0)
 
     def brightness(self, t: float) -> float:
         """Return the brightness factor at time t (in frames); exactly 1 without variation."""

@@ -8,7 +8,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
-from scenetruth.validated_model import FrozenModel, NonNegative, Preset, preset
+from scenetruth.bands import BandFraction, BandNonNegative
+from scenetruth.validated_model import FrozenModel, Preset, preset
 
 __all__ = ["MATERIALS", "MATT", "Material", "MaterialName", "MaterialOwner"]
 
@@ -82,11 +83,11 @@ class Material(FrozenModel):
     """Roughness along the x direction of the mesh, such as that of veins; null: equal in all directions."""
     metallic: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Fraction of the surface that is metal."""
-    reflectance: Annotated[float, Field(ge=0, le=1)] = 1.0
-    """Diffuse reflectance, relative to the texture."""
-    transmittance: NonNegative = 0.0
-    """Light transmitted by a sheet, relative to the texture: a back light of irradiance 1 gives this value times that
-    of the texture. Sheets scatter transmitted light in all directions.
+    reflectance: BandFraction = 1.0
+    """Diffuse reflectance, relative to the texture, for all bands or for each."""
+    transmittance: BandNonNegative = 0.0
+    """Light transmitted by a sheet, relative to the texture, for all bands or for each: a back light of irradiance 1
+    gives this value times that of the texture. Sheets scatter transmitted light in all directions.
     """
 
     @model_validator(mode="before")
@@ -115,9 +116,9 @@ MATT = Material()
 
 
 class MaterialOwner(FrozenModel):
-    """Base class of models with a field ``material``, which does not appear in their values if it is matt.
+    """Base class of models with fields ``material`` and ``tint``, which do not appear in their values by default.
 
-    Scenes without gloss keep their hash.
+    Scenes without gloss and colour keep their hash.
     """
 
     @model_serializer(mode="wrap")
@@ -125,4 +126,6 @@ class MaterialOwner(FrozenModel):
         plain: dict[str, Any] = write(self)
         if plain.get("material") == MATT.model_dump(mode="json"):
             del plain["material"]
+        if plain.get("tint") == 1.0:
+            del plain["tint"]
         return plain

@@ -10,7 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["DecodedPicture", "PictureFileError", "as_picture", "decode_picture", "linearise", "luminance_of"]
+from scenetruth.bands import COLOURS
+
+__all__ = [
+    "DecodedPicture", "PictureFileError", "as_picture", "component_of", "decode_picture", "linearise", "luminance_of",
+]  # fmt: skip
 
 Floats = NDArray[np.float64]
 
@@ -54,9 +58,9 @@ class DecodedPicture:
         return f"{width} x {height} texels, {bits}, {colours}{opacity}, {encoding}"
 
     def radiances(
-        self, encoding: str | None, colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
+        self, encoding: str | None, colour: tuple[float, float, float] = (1.0, 1.0, 1.0), band: str | None = None
     ) -> NDArray[np.float32]:
-        """Return radiances from 0 to 1 by the luminance of Rec. 709 primaries times a linear colour, shape (h, w).
+        """Return radiances from 0 to 1 in a band (`component_of`) times a linear colour, shape (h, w).
 
         ``encoding``: ``linear`` or ``srgb`` if it is given; None asks the file, whose silence means linear.
         """
@@ -73,9 +77,9 @@ class DecodedPicture:
             part = self.values[first : first + rows].astype(np.float64) / self.full_scale
             part = linearise(part, encoding or self.encoding or "linear")
             if part.ndim == 2:
-                part = part if colour == (1.0, 1.0, 1.0) else part * luminance_of(np.array(colour))
+                part = part if colour == (1.0, 1.0, 1.0) else part * component_of(np.array(colour), band)
             else:
-                part = luminance_of(part * np.array(colour))
+                part = component_of(part * np.array(colour), band)
             out[first : first + rows] = part
         return out
 
@@ -99,6 +103,18 @@ def linearise(values: Floats, encoding: str) -> Floats:
 def luminance_of(colours: Floats) -> Floats:
     """Return the luminance of linear colours, with the components last."""
     return np.asarray(colours @ _REC_709)
+
+
+def component_of(colours: Floats, band: str | None) -> Floats:
+    """Return linear colours, with the components last, as seen in a band; without bands, their luminance (Rec. 709)."""
+    if band is None:
+        return luminance_of(colours)
+    if band in COLOURS:
+        return np.asarray(colours[..., COLOURS.index(band)])
+    if (colours == colours[..., :1]).all():
+        return np.asarray(colours[..., 0])
+    msg = f"has colours, which are red, green and blue: specify a texture for the band '{band}' (`kind: by_band`)"
+    raise PictureFileError(msg)
 
 
 def decode_picture(content: bytes, *, obey_metadata: bool = True, most_pixels: int = 170_000_000) -> DecodedPicture:

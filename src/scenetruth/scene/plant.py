@@ -10,6 +10,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from scenetruth.bands import BandNonNegative
+from scenetruth.scene.band_textures import BandTextures
 from scenetruth.scene.deformation import Deformation, DeformationModel, Growth, Hinge
 from scenetruth.scene.leaf.leaf_mesh import LeafMesh
 from scenetruth.scene.leaf.leaf_model import Petiole
@@ -51,8 +53,10 @@ class PlantModel(MaterialOwner):
     """World position of the petiole base of the oldest leaf, at the centre of the plant, in mm."""
     rotations: tuple[Rotation, ...] = ()
     """Rotations of the whole plant about its position, applied in order."""
-    texture: LeafTexture = LeafTexture(kind="leaf")
-    """Texture of the leaves, with individual veins, mottling and hairs for each leaf."""
+    texture: LeafTexture | BandTextures = Field(LeafTexture(kind="leaf"), discriminator="kind")
+    """Texture of the leaves, with individual veins, mottling and hairs for each leaf, or textures by band."""
+    tint: BandNonNegative = 1.0
+    """Factor of the texture, for all bands or for each, such as a spectrum of leaves."""
     material: Material = MATT
     """Gloss and transmission of the leaves; matt by default. The x direction of leaves is along the midrib."""
     growth: Growth | None = None
@@ -120,6 +124,7 @@ def _leaf(plant: PlantModel, number: int, place: LeafPlace) -> SceneObject:
         name=f"{plant.name}/leaf-{number + 1}",
         mesh=place.mesh,
         texture=plant.texture,
+        tint=plant.tint,
         material=plant.material,
         # A leaf may exceed the coordinate bounds of scene files by the size of the plant.
         pose=Pose(rotations=rotations).model_copy(update={"position_mm": (float(x), float(y), float(z))}),

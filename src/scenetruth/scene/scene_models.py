@@ -13,18 +13,22 @@ from pydantic import (
     ConfigDict,
     Field,
     SerializerFunctionWrapHandler,
+    ValidationError,
     ValidationInfo,
     field_validator,
     model_serializer,
+    model_validator,
 )
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from scenetruth.camera import AnySensor, Camera, Frames, Optics, Shutter, Stage
+from scenetruth.bands import BandFraction, ByBand, find_by_band, in_band
+from scenetruth.camera import AnySensor, Camera, Frames, Optics, Shutter, Stage, build_sensor_chain
 from scenetruth.discovery import discriminated_union
+from scenetruth.errors import ArgumentError, Problem
 from scenetruth.estimators import MethodChoice, choose
 from scenetruth.scene.lighting import Lighting
 from scenetruth.scene.plant import PlantModel
 from scenetruth.scene.scene_object import SceneObject
-from scenetruth.scene.texture.texture_model import Radiance
 from scenetruth.settings import ScoreSettings, StorageSettings
 from scenetruth.validated_model import FrozenModel
 
@@ -54,9 +58,10 @@ def make_summary_rows(
     """Return the parts of a scene as headings and texts."""
     lens = "" if camera.distortion is None else ", with distortion"
     rows = f"{stage.rows} rows, {stage.row_spacing_mm:g} mm apart, of " if stage.rows > 1 else ""
+    bands = f", bands {', '.join(camera.bands)}" if camera.bands else ""
     unequal = "" if stage.positions_mm is None else " on average"
     return {
-        "camera": f"{camera.width} x {camera.height} px, f = {camera.focal_px:g} px{lens}",
+        "camera": f"{camera.width} x {camera.height} px, f = {camera.focal_px:g} px{lens}{bands}",
         "stage": f"{rows}{stage.positions} positions, {stage.baseline_mm:g} mm apart{unequal}",
         "frames": f"{frames.count}, {frames.frame_interval_s:g} s apart",
         **{f"{_noun(thing)} '{thing.name}'": _describe_item(thing) for thing in things},
@@ -97,8 +102,14 @@ def _plant_kind(plant: PlantModel) -> str:
 def _light(lighting: Lighting) -> str:
     if not lighting.lit:
         return "unlit: radiance equals the texture"
-    ambient = [] if lighting.ambient is None else [f"ambient {lighting.ambient:g}"]
+    ambient = [] if lighting.ambient is None else [f"ambient {_values(lighting.ambient)}"]
     return ", ".join([*ambient, *(light.kind for light in lighting.lights)])
+
+
+def _values(value: float | ByBand[float]) -> str:
+    if isinstance(value, ByBand):
+        return ", ".join(f"{band} {each:g}" for band, each in value.items())
+    return f"{value:g}"
 
 
 def _sensor(sensor: AnySensor) -> str:
@@ -159,6 +170,34 @@ def _refuse_twice(names: list[str]) -> None:
         raise ValueError(msg)
 
 
+def _band_problems(scene: Scene) -> list[InitErrorDetails]:
+    """Return the values by band that do not have one value for each band of the camera."""
+    bands = scene.camera.bands
+    problems = []
+    for where, values in find_by_band(scene):
+        unknown = [f"'{name}'" for name in values if name not in bands]
+        missing = [f"'{name}'" for name in bands if name not in values]
+        if not bands:
+            message = "has values by band, but the camera is grey: name them in camera.bands, or specify one value"
+            problems.append(_problem_at(where, message, list(values)))
+            continue
+        if unknown:
+            message = f"unknown band{'s' * (len(unknown) > 1)} {', '.join(unknown)}; the camera has {', '.join(bands)}"
+            problems.append(_problem_at(where, message, list(values)))
+        if missing:
+            message = f"has no value for the band{'s' * (len(missing) > 1)} {', '.join(missing)} of the camera"
+            problems.append(_problem_at(where, message, list(values)))
+    chain = build_sensor_chain(scene.sensor)
+    given = scene.sensor if isinstance(scene.sensor, str) else scene.sensor.kind
+    return problems + [_problem_at(("sensor",), message, given) for message in chain.band_problems(bands)]
+
+
+def _problem_at(where: tuple[str | int, ...], message: str, given: Any) -> InitErrorDetails:
+    return InitErrorDetails(
+        type=PydanticCustomError("bands", "{message}", {"message": message}), loc=where, input=given
+    )
+
+
 class Scene(FrozenModel):
     """Complete specification of a recording and its ground truth.
 
@@ -213,8 +252,8 @@ class Scene(FrozenModel):
     """Objects of the scene."""
     plants: Annotated[tuple[Plant, ...], Field(validate_default=True)] = ()
     """Plants of the scene; each leaf is an object."""
-    background: Radiance = 0.0
-    """Radiance of the background."""
+    background: BandFraction = 0.0
+    """Radiance of the background, for all bands or for each."""
     lighting: Lighting = Lighting()
     """Lighting of the objects; unlit, radiance equals the texture."""
     sensor: AnySensor = "ideal"
@@ -266,6 +305,14 @@ class Scene(FrozenModel):
         _refuse_twice(names)
         return value
 
+    @model_validator(mode="after")
+    def _share_bands(self) -> Scene:
+        problems = _band_problems(self)
+        if problems:
+            # A validation error raised here preserves the path of each problem.
+            raise ValidationError.from_exception_data(type(self).__name__, problems)
+        return self
+
     @cached_property
     def parts(self) -> tuple[tuple[str, SceneObject], ...]:
         """All objects, including plant leaves, with their paths in the scene: ``objects.0``, ``plants.0.leaves.2``."""
@@ -283,8 +330,53 @@ class Scene(FrozenModel):
             "lens distortion": self.camera.distortion is not None,
             "a rolling shutter": self.shutter.readout_time_s > 0,
             "adaptive edges": self.render.edges == "adaptive",
+            "bands": bool(self.camera.bands),
         }
         return " and ".join(name for name, present in features.items() if present)
+
+    def in_band(self, band: str) -> Scene:
+        """Return the scene as a grey camera sees it in one of its bands.
+
+        Parameters
+        ----------
+        band
+            Name of one of ``camera.bands``.
+
+        Returns
+        -------
+        Scene
+            Grey scene with the lamps, textures and materials of the band. It renders the same image as the band.
+
+        Raises
+        ------
+        ArgumentError
+            If the camera does not have the band.
+
+        See Also
+        --------
+        simulate : Simulate images of all bands.
+
+        Examples
+        --------
+        >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}}
+        >>> wall |= {"pose": {"position_mm": [0, 0, 100]}, "tint": {"red": 0.2, "nir_850": 0.9}}
+        >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60, "bands": ["red", "nir_850"]}}
+        >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 1}, "objects": [wall]}
+        >>> scene = Scene.from_dict(plain)
+        >>> scene.in_band("nir_850").objects[0].tint, scene.in_band("nir_850").camera.bands
+        (0.9, ())
+        """
+        if band not in self.camera.bands:
+            names = ", ".join(self.camera.bands) or "none: it is grey"
+            raise ArgumentError([Problem("band", f"is not one of the bands of the camera ({names})", band)])
+        found = in_band(self.model_copy(update={"camera": self.camera.model_copy(update={"bands": ()})}), band)
+        # Cached from the scene with all bands.
+        found.__dict__.pop("parts", None)
+        return found
+
+    def band_scenes(self) -> list[Scene]:
+        """Return the grey scenes of all bands, in order; the scene itself if it is grey."""
+        return [self.in_band(band) for band in self.camera.bands] or [self]
 
     def shrunk_to(self, most_px: int) -> Scene:
         """Return the scene with the reference frame only and at most ``most_px`` along an image side."""

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import ValidationInfo, field_validator
 
+from scenetruth.bands import BandNonNegative
 from scenetruth.discovery import discriminated_union
 from scenetruth.scene.deformation import OwnFrameModel
 from scenetruth.scene.material import MATT, Material, MaterialOwner
@@ -46,7 +47,9 @@ else:
         OwnFrameModel, "scenetruth.scene.deformation", "scenetruth.scene.vertex_animation"
     )
     Mesh = discriminated_union(MeshModel, "scenetruth.scene.mesh", "scenetruth.scene.leaf")
-    Texture = discriminated_union(TextureModel, "scenetruth.scene.texture", "scenetruth.scene.leaf")
+    Texture = discriminated_union(
+        TextureModel, "scenetruth.scene.texture", "scenetruth.scene.leaf", "scenetruth.scene.band_textures"
+    )
 
 
 class SceneObject(MaterialOwner):
@@ -58,6 +61,8 @@ class SceneObject(MaterialOwner):
     """Shape of the object."""
     texture: Texture
     """Texture of the surface."""
+    tint: BandNonNegative = 1.0
+    """Factor of the texture, for all bands or for each, such as the reflectance of a pigment."""
     material: Material = MATT
     """Gloss and transmission of the surface; matt by default."""
     pose: Pose = Pose()

@@ -10,10 +10,11 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.bands import as_number
 from scenetruth.camera import build_sensor_chain
 from scenetruth.errors import Problem, SceneError, SceneWarning
 from scenetruth.scene.built_scene import BuiltScene
-from scenetruth.scene.lighting import EVERYWHERE
+from scenetruth.scene.lighting import EVERYWHERE, Lighting
 from scenetruth.scene.scene_models import Scene, compute_image_times
 from scenetruth.scene.texture import TextureModel
 
@@ -28,7 +29,8 @@ _GENERIC_DIRECTION = np.array([0.351938, 0.681273, 0.641873])
 
 def find_lighting_problems(scene: Scene, world: BuiltScene, times: Sequence[float] | None = None) -> list[Problem]:
     """Return the problems of a scene's lighting: lights inside closed objects, and non-positive brightness."""
-    lighting = scene.lighting
+    # Positions and directions are the same in all bands.
+    lighting = scene.band_scenes()[0].lighting
     times = [float(t) for t in scene.frames.t] if times is None else times
     problems = []
     brightness = [lighting.brightness(t) for t in times]
@@ -36,7 +38,7 @@ def find_lighting_problems(scene: Scene, world: BuiltScene, times: Sequence[floa
         worst = times[int(np.argmin(brightness))]
         message = f"brightness is {min(brightness):.6g} at frame {worst:g}; it must be positive in all frames"
         problems.append(Problem("lighting.drift_per_frame", message, lighting.drift_per_frame))
-    problems += _lost_lamps(scene, times)
+    problems += _lost_lamps(lighting, times)
     if problems or all(lamp.position_mm is None for lamp in lighting.lamps_at(0.0)):
         return problems
     closed = [_is_closed(body.positions_at(0.0), body.faces) for body in world.bodies]
@@ -58,22 +60,29 @@ def find_lighting_problems(scene: Scene, world: BuiltScene, times: Sequence[floa
     return problems
 
 
-def _material_problems(scene: Scene, world: BuiltScene) -> list[Problem]:
-    """Return the problems of surfaces that reflect and transmit more light than they receive."""
+def _reflectance_problems(scene: Scene, world: BuiltScene) -> list[Problem]:
+    """Return the problems of surfaces that reflect and transmit more light than they receive, in any band."""
     problems: dict[str, Problem] = {}
-    for (path, item), body in zip(scene.parts, world.bodies, strict=False):
-        # The leaves of a plant have one material.
-        where = path if path.startswith("objects") else ".".join(path.split(".")[:2])
-        share = max(material.transmittance + material.reflectance - 1 for material in body.materials)
-        if share <= 0 or where in problems:
-            continue
-        rows, columns = body.texture.shape
-        u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
-        brightest = float(body.texture.radiance(np.column_stack([u.ravel(), v.ravel()])).max())
-        if brightest * (1 + share) > 1 + _BRIGHTER:
-            message = f"the texture reaches {brightest:.3g}: reflection and transmission add up to "
-            message += f"{brightest * (1 + share):.3g} of the light, more than 1; at most {1 / brightest - 1:.3g}"
-            problems[where] = Problem(f"{where}.material.transmittance", message, item.material.transmittance)
+    bands = [f" in the band '{band}'" for band in scene.camera.bands] or [""]
+    for band, one, painted in zip(bands, scene.band_scenes(), world.bands or (world,), strict=False):
+        for (path, item), body in zip(one.parts, painted.bodies, strict=False):
+            # The leaves of a plant have one material.
+            where = path if path.startswith("objects") else ".".join(path.split(".")[:2])
+            tint = as_number(item.tint)
+            share = max(as_number(each.transmittance) + as_number(each.reflectance) - 1 for each in body.materials)
+            if where in problems or (share <= 0 and tint <= 1):
+                continue
+            rows, columns = body.texture.shape
+            u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
+            brightest = float(body.texture.radiance(np.column_stack([u.ravel(), v.ravel()])).max())
+            if brightest > 1 + _BRIGHTER and tint > 1:
+                message = f"the texture times the tint reaches {brightest:.3g}{band}, more than 1; "
+                message += f"at most {tint / brightest:.3g}"
+                problems[where] = Problem(f"{where}.tint", message, tint)
+            elif share > 0 and brightest * (1 + share) > 1 + _BRIGHTER:
+                message = f"the texture reaches {brightest:.3g}{band}: reflection and transmission add up to "
+                message += f"{brightest * (1 + share):.3g} of the light, more than 1; at most {1 / brightest - 1:.3g}"
+                problems[where] = Problem(f"{where}.material.transmittance", message, item.material.transmittance)
     return list(problems.values())
 
 
@@ -87,11 +96,11 @@ def _material_warnings(scene: Scene) -> list[str]:
     return [f"material: no effect on {', '.join(names)}, because the scene is unlit; add lights or ambient light"]
 
 
-def _lost_lamps(scene: Scene, times: Sequence[float]) -> list[Problem]:
+def _lost_lamps(lighting: Lighting, times: Sequence[float]) -> list[Problem]:
     """Return the problems of lamps whose position or direction overflows."""
     lost: dict[int, Problem] = {}
     for t in times:
-        for number, lamp in enumerate(scene.lighting.lamps_at(t)):
+        for number, lamp in enumerate(lighting.lamps_at(t)):
             directed = lamp.position_mm is None or lamp.cos_outer > EVERYWHERE
             shines = not directed or abs(float(np.linalg.norm(lamp.axis)) - 1) < _UNSTEADY
             if not shines or not (lamp.position_mm is None or np.isfinite(lamp.position_mm).all()):
@@ -223,7 +232,7 @@ def _inspect(
     with np.errstate(all="ignore"):
         reports, problems = _object_reports(scene, world, moments)
         problems += [*_camera_problems(scene), *find_lighting_problems(scene, world, times)]
-        return reports, [*problems, *_material_problems(scene, world)]
+        return reports, [*problems, *_reflectance_problems(scene, world)]
 
 
 def _camera_problems(scene: Scene) -> list[Problem]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -294,6 +294,7 @@ COORDINATES = {
     "t": ("1", "frame, 0 is the reference"),
     "y": ("px", "row of the pixel centre"),
     "x": ("px", "column of the pixel centre"),
+    "channel": ("1", "band of the images"),
     "stage_x_mm": ("mm", "position of the camera on the stage"),
     "stage_y_mm": ("mm", "position of the row of cameras, positive downwards"),
     "time_s": ("s", "time of the frame"),
@@ -340,6 +341,7 @@ def label(
     stage_x_mm: ArrayLike | None = None,
     stage_y_mm: ArrayLike | None = None,
     planned_time_s: ArrayLike | None = None,
+    channel: Sequence[str] | None = None,
     x: ArrayLike | None = None,
     y: ArrayLike | None = None,
     attrs: Mapping[str, Any] | None = None,
@@ -348,6 +350,7 @@ def label(
 
     ``t``, ``s``: Frame and camera indices, 0 at the reference.
     ``planned_time_s``: Planned time of every image, shape ([s_y, ]s, t); default: not stated.
+    ``channel``: Names of the channels of colour images; default: not stated.
     ``x``, ``y``: Pixel indices of the columns and rows, to which the intrinsics refer; default: from 0 on.
     """
     variables: dict[str, xr.Variable] = {}
@@ -374,6 +377,8 @@ def label(
     if planned_time_s is not None:
         images = tuple(dim for dim in ("s_y", "s", "t") if dim in sizes)
         coordinates["planned_time_s"] = (images, np.array(planned_time_s, dtype=np.float64))
+    if channel is not None and "channel" in sizes:
+        coordinates["channel"] = ("channel", list(channel))
     for name, names in COMPONENTS.items():
         if name in sizes:
             coordinates[name] = (name, names)

@@ -12,6 +12,7 @@ from scenetruth.camera.sensor.characterisation import (
 from scenetruth.camera.sensor.effects import (
     BayerFilter,
     BayerOrder,
+    ColourFilterArray,
     Effect,
     Exposure,
     FullScaleGain,
@@ -24,6 +25,7 @@ from scenetruth.camera.sensor.effects import (
     Quantisation,
     QuantumEfficiency,
     RadiometricScale,
+    SpectralResponse,
 )
 from scenetruth.camera.sensor.noise_sources import (
     DarkCurrent,
@@ -43,10 +45,10 @@ from scenetruth.camera.sensor.sensor_types import (
 )
 
 __all__ = [
-    "PRESETS", "QUANTISATION_VARIANCE", "AnyEffect", "AnySensor", "BayerFilter", "BayerOrder", "DarkCurrent",
-    "DarkSignalNonuniformity", "Effect", "EmvaSensor", "Exposure", "FullScaleGain", "FullWell", "Gain", "Gamma",
-    "GaussianNoise", "GaussianSensor", "ImageLag", "LinearImage", "OpenSensor", "PhotoResponseNonuniformity",
+    "PRESETS", "QUANTISATION_VARIANCE", "AnyEffect", "AnySensor", "BayerFilter", "BayerOrder", "ColourFilterArray",
+    "DarkCurrent", "DarkSignalNonuniformity", "Effect", "EmvaSensor", "Exposure", "FullScaleGain", "FullWell", "Gain",
+    "Gamma", "GaussianNoise", "GaussianSensor", "ImageLag", "LinearImage", "OpenSensor", "PhotoResponseNonuniformity",
     "PhotonConversion", "PhotonTransfer", "PresetName", "Quantisation", "QuantumEfficiency", "RadiometricScale",
-    "ReadoutNoise", "SensorChain", "ShotNoise", "build_sensor_chain", "fit_response_line", "photon_transfer",
-    "spatial_variance", "two_point_correction",
+    "ReadoutNoise", "SensorChain", "ShotNoise", "SpectralResponse", "build_sensor_chain", "fit_response_line",
+    "photon_transfer", "spatial_variance", "two_point_correction",
 ]  # fmt: skip

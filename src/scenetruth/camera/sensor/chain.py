@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError, field_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
+from scenetruth.bands import in_band
 from scenetruth.camera.sensor.effects import Effect, Exposure, LinearImage, Unit
 from scenetruth.discovery import discriminated_union
 from scenetruth.random_streams import GeneratorFor
@@ -82,20 +83,58 @@ class SensorChain(FrozenModel):
         """Whether an image depends on the previous image."""
         return any(effect.remembers for effect in self.effects)
 
-    def open(self, shape: tuple[int, int], generator_for: GeneratorFor) -> OpenSensor:
+    def channels(self, bands: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the names of the channels of the images of a camera with these bands; empty for grey images."""
+        for effect in self.effects:
+            bands = effect.channels(bands)
+        return bands
+
+    def band_problems(self, bands: tuple[str, ...]) -> list[str]:
+        """Return the problems of the effects with the bands of a camera."""
+        problems = []
+        for effect in self.effects:
+            problems.append(effect.band_problem(bands))
+            bands = effect.channels(bands)
+        return [problem for problem in problems if problem]
+
+    def open(self, shape: tuple[int, int], generator_for: GeneratorFor, bands: tuple[str, ...] = ()) -> OpenSensor:
         """Return the sensor with the fixed patterns of one recording."""
-        return OpenSensor(self, shape, generator_for)
+        return OpenSensor(self, shape, generator_for, bands)
+
+
+class _Step(NamedTuple):
+    """Effect on one band, with its fixed pattern and its random generators by stream."""
+
+    effect: Effect
+    pattern: NDArray[np.float64] | None
+    generator_for: GeneratorFor
 
 
 class OpenSensor:
-    """Sensor chain with the fixed patterns of one recording; with image lag, an image depends on the previous image."""
+    """Sensor chain with the fixed patterns of one recording; with image lag, an image depends on the previous image.
 
-    def __init__(self, chain: SensorChain, shape: tuple[int, int], generator_for: GeneratorFor) -> None:
+    The bands of a signal have independent random numbers, which are those of a grey camera with ``band`` and the name
+    of the band before the key of the stream.
+    """
+
+    def __init__(
+        self, chain: SensorChain, shape: tuple[int, int], generator_for: GeneratorFor, bands: tuple[str, ...] = ()
+    ) -> None:
         self.chain = chain
-        self._generator_for = generator_for
-        self._patterns = [
-            effect.draw_pattern(shape, generator_for("pattern", effect.key)) for effect in self.chain.effects
-        ]
+        self._steps: list[list[_Step]] = []
+        for effect in chain.effects:
+            alone = effect.mixes_bands or not bands
+            streams: list[GeneratorFor] = [generator_for]
+            if not alone:
+                streams = [partial(generator_for, "band", band) for band in bands]
+            parts = [effect] if alone else [in_band(effect, band) for band in bands]
+            self._steps.append(
+                [
+                    _Step(part, part.draw_pattern(shape, stream("pattern", part.key)), stream)
+                    for part, stream in zip(parts, streams, strict=True)
+                ]
+            )
+            bands = effect.channels(bands)
         self._largest_number = _largest_number(chain.effects)
 
     def read(self, image: LinearImage, previous: LinearImage | None = None) -> NDArray[Any]:
@@ -105,22 +144,37 @@ class OpenSensor:
     def _through(self, count: int, image: LinearImage, previous: LinearImage | None) -> NDArray[np.float64]:
         """Return the signal after the first ``count`` effects."""
         signal = image.radiance.astype(np.float64)
-        for number, (effect, pattern) in enumerate(zip(self.chain.effects[:count], self._patterns, strict=False)):
+        for number, steps in enumerate(self._steps[:count]):
             # The previous image is processed as a first image, because memory extends to one image only.
-            before = self._through(number, previous, None) if effect.remembers and previous is not None else None
-            signal = effect.apply(
-                signal,
-                Exposure(
-                    s_y=image.s_y,
-                    s=image.s,
-                    t=image.t,
-                    full_scale=self._largest_number,
-                    generator=partial(self._generator_for, *effect.stream(image.s_y, image.s, image.t)),
-                    pattern=pattern,
-                    previous=before,
-                ),
-            )
+            remembers = steps[0].effect.remembers and previous is not None
+            before = self._through(number, previous, None) if remembers and previous is not None else None
+            if signal.ndim == 2 or steps[0].effect.mixes_bands:
+                signal = self._after(steps[0], image, signal, before)
+                continue
+            bands = [
+                self._after(step, image, signal[..., band], None if before is None else before[..., band])
+                for band, step in enumerate(steps)
+            ]
+            signal = np.stack(bands, axis=-1)
         return signal
+
+    def _after(
+        self, step: _Step, image: LinearImage, signal: NDArray[np.float64], before: NDArray[np.float64] | None
+    ) -> NDArray[np.float64]:
+        """Return the signal after one effect."""
+        effect = step.effect
+        return effect.apply(
+            signal,
+            Exposure(
+                s_y=image.s_y,
+                s=image.s,
+                t=image.t,
+                full_scale=self._largest_number,
+                generator=partial(step.generator_for, *effect.stream(image.s_y, image.s, image.t)),
+                pattern=step.pattern,
+                previous=before,
+            ),
+        )
 
 
 def _get_output_unit(effects: Sequence[Effect]) -> Unit:

@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from scenetruth.bands import COLOURS, BandFraction, ByBand, as_number
 from scenetruth.validated_model import FrozenModel, NonNegative, Positive
 
 __all__ = [
-    "BayerFilter", "BayerOrder", "Effect", "Exponent", "Exposure", "FullScaleGain", "FullWell", "Gain", "Gamma",
-    "ImageLag", "LinearImage", "PhotonConversion", "Quantisation", "QuantumEfficiency", "RadiometricScale", "Unit",
+    "BayerFilter", "BayerOrder", "ColourFilterArray", "Effect", "Exponent", "Exposure", "FullScaleGain", "FullWell",
+    "Gain", "Gamma", "ImageLag", "LinearImage", "PhotonConversion", "Quantisation", "QuantumEfficiency",
+    "RadiometricScale", "SpectralResponse", "Unit",
 ]  # fmt: skip
 
 
@@ -26,7 +28,7 @@ Unit = Literal[
 
 @dataclass(frozen=True, eq=False)
 class LinearImage:
-    """Sensor input, shape (y, x), with row, camera position and frame, 0 at the reference."""
+    """Sensor input, shape (y, x[, band]), with row, camera position and frame, 0 at the reference."""
 
     radiance: NDArray[np.float32]
     s_y: int = 0
@@ -62,6 +64,8 @@ class Effect(FrozenModel):
     """Unit of the output signal."""
     remembers: ClassVar[bool] = False
     """Whether the effect depends on the previous image."""
+    mixes_bands: ClassVar[bool] = False
+    """Whether the effect takes all bands together, with signals of shape (y, x, band); others take one at a time."""
 
     kind: str
     """Type of the effect."""
@@ -78,6 +82,14 @@ class Effect(FrozenModel):
     def stream(self, s_y: int, s: int, t: int) -> tuple[str | int, ...]:
         """Return the random-stream key for one image."""
         return (self.key, s_y, s, t)
+
+    def channels(self, bands: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the names of the bands of the output signal; empty for grey."""
+        return bands
+
+    def band_problem(self, bands: tuple[str, ...]) -> str:
+        """Return a message if the effect cannot be applied to signals of these bands, else an empty string."""
+        return ""
 
     def draw_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> NDArray[np.float64] | None:
         """Return the fixed pattern of a recording, shape (y, x), in the unit of the effect; None for none."""
@@ -101,29 +113,72 @@ BayerOrder = Literal["rggb", "grbg", "gbrg", "bggr"]
 _COLOURS = "rgb"  # indices of the colours in `BayerFilter.response`
 
 
-class BayerFilter(Effect):
-    """Bayer colour filters, which transmit a fraction of the photons of a grey scene."""
+def _filter_indices(order: BayerOrder, shape: tuple[int, ...]) -> NDArray[np.intp]:
+    """Return the index of the colour of each pixel, shape (y, x): 0 red, 1 green, 2 blue."""
+    block = np.array([_COLOURS.index(colour) for colour in order]).reshape(2, 2)
+    repeats = (-(-shape[0] // 2), -(-shape[1] // 2))
+    return np.asarray(np.tile(block, repeats)[: shape[0], : shape[1]])
+
+
+class _Mosaic(Effect):
+    """Base class of colour filter arrays, behind which each pixel sees one colour."""
+
+    mixes_bands: ClassVar[bool] = True
+
+    order: BayerOrder
+    """Colours of the 2 x 2 pixels in row-major order from the upper left."""
+
+    def channels(self, bands: tuple[str, ...]) -> tuple[str, ...]:
+        """Return no bands: the output is one mosaic."""
+        return ()
+
+    def band_problem(self, bands: tuple[str, ...]) -> str:
+        """Return a message unless the signal is grey or has the colours of the filters."""
+        if not bands or bands == COLOURS:
+            return ""
+        return f"filters red, green and blue, but camera.bands is {', '.join(bands)}: set [{', '.join(COLOURS)}]"
+
+    def _seen(self, signal: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the colour of each pixel, shape (y, x); a grey signal is the same in all colours."""
+        if signal.ndim == 2:
+            return signal
+        index = _filter_indices(self.order, signal.shape)
+        return np.take_along_axis(signal, index[..., None], axis=-1)[..., 0]
+
+
+class ColourFilterArray(_Mosaic):
+    """Bayer colour filters of ideal transmittance: each pixel keeps the radiance of one band."""
+
+    takes: ClassVar[Unit] = "radiance"
+    gives: ClassVar[Unit] = "radiance"
+
+    kind: Literal["colour_filter_array"]
+    """Type of the effect."""
+
+    def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
+        """Keep one band in each pixel."""
+        return self._seen(signal)
+
+
+class BayerFilter(_Mosaic):
+    """Bayer colour filters, which transmit a fraction of the photons: of their band, or of a grey scene."""
 
     takes: ClassVar[Unit] = "photons"
     gives: ClassVar[Unit] = "photons"
 
     kind: Literal["bayer_filter"]
     """Type of the effect."""
-    order: BayerOrder
-    """Colours of the 2 x 2 pixels in row-major order from the upper left."""
     response: tuple[Positive, Positive, Positive] = (0.7, 1.0, 0.6)
-    """Transmittance of the red, green and blue filters for a grey scene."""
+    """Transmittance of the red, green and blue filters, for a grey scene or for the bands red, green and blue."""
 
     def draw_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> NDArray[np.float64]:
         """Return the transmittance of each pixel."""
-        block = np.array([self.response[_COLOURS.index(colour)] for colour in self.order]).reshape(2, 2)
-        repeats = (-(-shape[0] // 2), -(-shape[1] // 2))
-        return np.asarray(np.tile(block, repeats)[: shape[0], : shape[1]])
+        return np.array(self.response)[_filter_indices(self.order, shape)]
 
     def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
-        """Multiply by the transmittance."""
+        """Keep one band in each pixel and multiply by the transmittance."""
         assert exposure.pattern is not None
-        return signal * exposure.pattern
+        return self._seen(signal) * exposure.pattern
 
     def mean_response(self, signal: float, full_scale: float) -> float:
         """Return the photons behind the filter of highest transmittance."""
@@ -132,6 +187,34 @@ class BayerFilter(Effect):
     def largest_input(self, largest_output: float, full_scale: float) -> float:
         """Return the photons in front of the filter of highest transmittance, whose pixels saturate first."""
         return largest_output / max(self.response)
+
+
+class SpectralResponse(Effect):
+    """Fraction of the photons that the sensor responds to, such as filter transmittance or relative efficiency."""
+
+    takes: ClassVar[Unit] = "photons"
+    gives: ClassVar[Unit] = "photons"
+
+    kind: Literal["spectral_response"]
+    """Type of the effect."""
+    response: BandFraction
+    """Fraction, for all bands or for each."""
+
+    def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
+        """Multiply by the fraction."""
+        return signal * as_number(self.response)
+
+    def mean_response(self, signal: float, full_scale: float) -> float:
+        """Return the photons of the band of the highest response."""
+        return signal * self._highest
+
+    def largest_input(self, largest_output: float, full_scale: float) -> float:
+        """Return the photons in the band of the highest response, which saturates first."""
+        return largest_output / self._highest if self._highest > 0 else np.inf
+
+    @property
+    def _highest(self) -> float:
+        return max(self.response.values()) if isinstance(self.response, ByBand) else self.response
 
 
 class Quantisation(Effect):

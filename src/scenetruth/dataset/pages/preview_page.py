@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.bands import as_number
 from scenetruth.camera import Viewpoint
 from scenetruth.dataset.pages.figures import (
     MOST_CHARTS,
@@ -66,7 +67,9 @@ _PLAIN_TEXELS = 1_000_000
 
 
 def render_thumbnail(scene: Scene) -> NDArray[np.float32]:
-    """Return a thumbnail: a linear image of the reference camera at the reference frame."""
+    """Return a thumbnail: a linear image of the reference camera at the reference frame, in the middle of its bands."""
+    scenes = scene.band_scenes()
+    scene = scenes[len(scenes) // 2]
     small = simplify_scene(scene)
     with warnings.catch_warnings():
         # These warnings are issued when the sample is generated.
@@ -77,7 +80,7 @@ def render_thumbnail(scene: Scene) -> NDArray[np.float32]:
             # Simplification itself may fail; an error of the scene is raised again here.
             small = _small(scene, scene.parts)
             world = build_scene(small)
-        with RaycastRenderer(world, small.camera, small.background, 1, small.lighting) as renderer:
+        with RaycastRenderer(world, small.camera, as_number(small.background), 1, small.lighting) as renderer:
             return renderer.render(0.0, Viewpoint.on_axis(0.0))
 
 

@@ -126,7 +126,7 @@ def compute_irradiance(scene: Scene, points_mm: Array, normals: Array) -> Array:
     factor = np.full(len(points_mm), lighting.brightness(0.0))
     if not lighting.lit:
         return factor
-    total = np.full(len(points_mm), lighting.ambient or 0.0)
+    total = np.full(len(points_mm), lighting.ambient_irradiance)
     for lamp in lighting.lamps_at(0.0):
         if lamp.position_mm is None:
             total += lamp.irradiance * np.maximum(-normals @ lamp.axis, 0.0)

@@ -16,9 +16,9 @@ from scenetruth.scene.mesh.polygon_mesh import FileGloss, FileMaterial, MeshFile
 from scenetruth.scene.picture_file import (
     DecodedPicture,
     PictureFileError,
+    component_of,
     decode_picture,
     linearise,
-    luminance_of,
 )
 
 __all__ = ["LaidPicture", "MeshAppearance"]
@@ -50,6 +50,7 @@ class MeshAppearance:
     ``uv``: Texture coordinates of the corners with v upwards, shape (m, 3, 2), NaN where missing; None without.
     ``materials``, ``material_of``: Materials, and that of every face, -1 for white, shape (m,).
     ``srgb_pictures``: Whether pictures are sRGB by the definition of the format; None if it does not say.
+    ``band``: Band in which the colours are shown; None for their luminance.
     """
 
     colours: Floats | None
@@ -57,6 +58,7 @@ class MeshAppearance:
     materials: tuple[FileMaterial, ...]
     material_of: Indices
     srgb_pictures: bool | None
+    band: str | None = None
 
     @cached_property
     def used(self) -> list[int]:
@@ -168,7 +170,14 @@ class MeshAppearance:
             factor[n] = material.colour
         # The last one is that of -1.
         both = colours * factor[self.material_of][:, None]
-        return luminance_of(linearise(both, "srgb") if self._by_scene(encoding) == "srgb" else both)
+        return self._seen(linearise(both, "srgb") if self._by_scene(encoding) == "srgb" else both)
+
+    def _seen(self, colours: Floats) -> Floats:
+        """Return linear colours as they are shown."""
+        try:
+            return component_of(colours, self.band)
+        except PictureFileError as error:
+            raise MeshFileError(str(error)) from error
 
     def _by_scene(self, encoding: str | None) -> str:
         """Return the encoding of colours: linear in glTF, otherwise that of the scene."""
@@ -204,9 +213,9 @@ class MeshAppearance:
         faces = self.material_of == number
         material = self.materials[number] if number >= 0 else FileMaterial("white")
         if material.picture is None:
-            value = luminance_of(np.array([[material.colour]], dtype=np.float64)).astype(np.float32)
+            value = self._seen(np.array([[material.colour]], dtype=np.float64)).astype(np.float32)
             return LaidPicture(value, np.full((int(faces.sum()), 3, 2), 0.5), tiled=False)
-        values = read_radiances(material, self._encoding(encoding))
+        values = read_radiances(material, self._encoding(encoding), self.band)
         uv = self._coordinates(number)
         wrap = material.picture.wrap
         if alone and wrap == ("repeat", "repeat"):
@@ -245,10 +254,10 @@ def decode(material: FileMaterial) -> DecodedPicture:
         raise _unreadable(material, error) from error
 
 
-def read_radiances(material: FileMaterial, encoding: str | None) -> NDArray[np.float32]:
+def read_radiances(material: FileMaterial, encoding: str | None, band: str | None = None) -> NDArray[np.float32]:
     """Return the radiances of the picture of a material times its colour, shape (height, width)."""
     try:
-        return decode(material).radiances(encoding, material.colour)
+        return decode(material).radiances(encoding, material.colour, band)
     except PictureFileError as error:
         raise _unreadable(material, error) from error
 

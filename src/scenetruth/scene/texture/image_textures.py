@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import PrivateAttr
 
 from scenetruth.errors import Problem, SceneError
 from scenetruth.input_files import InputFile
@@ -29,13 +30,26 @@ _PART_OF_TEXELS = 1_000_000
 _ONE_PICTURE = "must be a single grey or colour image"
 
 
-class ImageTexture(TextureModel):
+class _ColourTexture(TextureModel):
+    """Base class of textures with colours of files, which are red, green and blue, or grey."""
+
+    _band: str | None = PrivateAttr(None)
+
+    def in_band(self, band: str) -> Self:
+        """Return the texture of one band of the camera, see `TextureModel`."""
+        found = self.model_copy()
+        found._band = band
+        return found
+
+
+class ImageTexture(_ColourTexture):
     """Image file mapped by the UV coordinates of the mesh."""
 
     kind: Literal["image"]
     """``image``."""
     file: InputFile
-    """Path of the image; relative paths refer to the directory of the scene file. Colours are converted to luminance.
+    """Path of the image; relative paths refer to the directory of the scene file. Grey cameras see the luminance of
+    colours; the bands ``red``, ``green`` and ``blue`` see their components.
     """
     encoding: Literal["linear", "srgb"] = "linear"
     """Encoding of the grey values: proportional to radiance, or sRGB. Without it, they are proportional to radiance,
@@ -52,7 +66,7 @@ class ImageTexture(TextureModel):
         assert mesh.uv is not None
         decoded = self._decode(folder)
         try:
-            values = decoded.radiances(self.stated_encoding)
+            values = decoded.radiances(self.stated_encoding, band=self._band)
         except PictureFileError as error:
             raise SceneError([Problem("file", str(error), str(folder / self.file))]) from error
         note = f"{Path(self.file).name}: {decoded.describe()}"
@@ -159,7 +173,7 @@ def compute_luminance(image: NDArray[Any], encoding: str) -> NDArray[np.float32]
 _RAMP = 256  # a linear ramp of 256 texels represents any radiance in [0, 1] as a texture coordinate
 
 
-class EmbeddedTexture(TextureModel):
+class EmbeddedTexture(_ColourTexture):
     """Materials, texture images or colours of a mesh file."""
 
     kind: Literal["embedded"]
@@ -192,7 +206,7 @@ class EmbeddedTexture(TextureModel):
     def _appearance(self, mesh: TriangleMesh) -> MeshAppearance:
         if mesh.appearance is None:
             raise self._nothing()
-        return mesh.appearance
+        return replace(mesh.appearance, band=self._band)
 
     def _nothing(self) -> SceneError:
         return SceneError(

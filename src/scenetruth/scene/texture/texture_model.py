@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NamedTuple, Protocol
 
@@ -13,7 +14,9 @@ from pydantic import Field
 from scenetruth.scene.mesh import TriangleMesh
 from scenetruth.validated_model import FrozenModel
 
-__all__ = ["UV", "Floats", "Painted", "Radiance", "SurfaceTexture", "TextureModel"]
+__all__ = [
+    "UV", "Floats", "Painted", "Radiance", "SurfaceTexture", "TextureModel", "TintedTexture", "tint_texture",
+]  # fmt: skip
 
 UV = NDArray[np.float64]
 Floats = NDArray[np.float64]
@@ -56,6 +59,51 @@ class SurfaceTexture(Protocol):
         ...
 
 
+@dataclass(frozen=True, eq=False)
+class TintedTexture:
+    """Texture times a factor, which shares its raster."""
+
+    untinted: SurfaceTexture
+    factor: float
+
+    @property
+    def tiled(self) -> bool:
+        """Whether the raster repeats, see `SurfaceTexture`."""
+        return self.untinted.tiled
+
+    @property
+    def cubic(self) -> bool:
+        """Whether the raster is that of a spline, see `SurfaceTexture`."""
+        return self.untinted.cubic
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the raster."""
+        return self.untinted.shape
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was read from the files, for people."""
+        return tuple(getattr(self.untinted, "notes", ()))
+
+    def radiance(self, uv: UV) -> NDArray[np.float32]:
+        """Return the radiance at texture coordinates of shape (n, 2)."""
+        return self.untinted.radiance(uv) * np.float32(self.factor)
+
+    def mean_radiance(self, forms: Floats, offsets: Floats, weights: Floats) -> NDArray[np.float32]:
+        """Return weighted means over footprints, see `SurfaceTexture`."""
+        return self.untinted.mean_radiance(forms, offsets, weights) * np.float32(self.factor)
+
+    def raster(self) -> NDArray[np.float32]:
+        """Return a tile of spline coefficients or values, see `SurfaceTexture`."""
+        return self.untinted.raster() * np.float32(self.factor)
+
+
+def tint_texture(texture: SurfaceTexture, factor: float) -> SurfaceTexture:
+    """Return a texture times a factor, or the texture itself if the factor is 1."""
+    return texture if factor == 1.0 else TintedTexture(texture, factor)
+
+
 class Painted(NamedTuple):
     """Texture with the texture coordinates of a mesh."""
 
@@ -76,6 +124,10 @@ class TextureModel(FrozenModel):
     @abstractmethod
     def paint(self, mesh: TriangleMesh, folder: Path, generator: np.random.Generator) -> Painted:
         """Create the texture and the texture coordinates of a mesh."""
+
+    def in_band(self, band: str) -> TextureModel:
+        """Return the texture of one band of the camera: the same for all by default."""
+        return self
 
     @abstractmethod
     def raster_shape(self, mesh: TriangleMesh, folder: Path) -> tuple[int, int]:
