@@ -209,6 +209,7 @@ class CapturePlan:
 
 def plan_capture(scene: Scene, settings: CaptureSimulation) -> CapturePlan:
     """Draw the true parameters of a capture of a scene."""
+    scene.require_grey("a simulated capture")
     draw = partial(generator_for, scene.seed, "capture")
     _check_scene(scene, settings)
     mean_depth, nearest = _measure_depth(scene)

@@ -5,6 +5,7 @@ Conventions are those of public data sets: positive disparities of a camera pair
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -17,6 +18,8 @@ from scenetruth.errors import Problem
 from scenetruth.schema import Intrinsics, compute_pixel_grid, read_intrinsics, read_scene
 
 __all__ = ["CameraPair", "ExportSource", "FlowKind"]
+
+_COLOURS = ("red", "green", "blue")
 
 Map = NDArray[np.float64]
 FlowKind = Literal["finite", "instantaneous"]
@@ -90,9 +93,29 @@ class ExportSource:
         """Whether images have channels."""
         return "channel" in self.recording["image"].dims
 
+    @cached_property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels of colour images in the order of `image`; red, green and blue first to last."""
+        if not self.has_colours:
+            return ()
+        if "channel" in self.recording.coords:
+            names = [str(name) for name in self.recording["channel"].values]
+            return _COLOURS if set(names) == set(_COLOURS) else tuple(names)
+        count = self.recording.sizes["channel"]
+        return _COLOURS if count == len(_COLOURS) else tuple(f"channel_{number}" for number in range(count))
+
+    def picture_problems(self) -> Iterator[Problem]:
+        """Yield the reason why images are neither grey nor red, green and blue."""
+        if self.channels not in ((), _COLOURS):
+            message = "are neither grey nor red, green and blue, as pictures must be; use exr, npz or tiff"
+            yield Problem("channel", message, ", ".join(self.channels))
+
     def image(self, s: int, t: int) -> Map:
-        """Return an image with full scale 1, shape (y, x), colour images (y, x, channel)."""
-        values = self.recording["image"].sel(s=s, t=t).values
+        """Return an image with full scale 1, shape (y, x), colour images (y, x, channel) in the order of `channels`."""
+        image = self.recording["image"]
+        if self.has_colours and "channel" in image.coords:
+            image = image.sel(channel=list(self.channels))
+        values = image.sel(s=s, t=t).values
         return np.asarray(values, dtype=np.float64) / float(self.recording.attrs["full_scale"])
 
     def raw(self, name: str, s: int, t: int) -> NDArray[Any]:

@@ -67,6 +67,7 @@ class PictureOptions(ExportFormat):
     def problems(self, source: ExportSource) -> Iterator[Problem]:
         """Yield the reasons why images cannot be written."""
         yield from super().problems(source)
+        yield from source.picture_problems()
         if self.image_bits == 16 and source.has_colours:
             yield Problem("image_bits", "must be 8 for colours: only grey images are written as 16-bit PNG", 16)
 

@@ -224,6 +224,7 @@ class Ply(ExportFormat):
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
         """Yield the missing requirements."""
+        yield from source.picture_problems()
         yield from point_problems(source)
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:

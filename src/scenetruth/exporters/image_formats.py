@@ -25,12 +25,13 @@ __all__ = ["Exr", "Flo", "Npz", "Pfm", "Png", "Tiff"]
 
 _IDS = ("object_id", "face_id")
 _MAP = ("t", "y", "x")
+_EXR_COLOURS = {"red": "R", "green": "G", "blue": "B"}
 
 
 class Exr(ExportFormat):
     """Every map as a named channel of OpenEXR files, one file per camera and frame.
 
-    ``s+0_t+0.exr`` contains ``Y`` (grey image, full scale 1; colours are ``R``, ``G``, ``B``) and one channel per
+    ``s+0_t+0.exr`` contains ``Y`` (grey image, full scale 1; colours are ``R``, ``G``, ``B``, other bands have their names) and one channel per
     component of every map: ``depth.Z``, ``disparity.V``, ``flow.x``, ``flow.y``, ``velocity.X``, ``normal.X``,
     ``growth_rate.V``, ... with the units and signs of the data sets; the header attribute ``units`` lists the units as
     JSON. Scalars other than depth are called V. ``flow`` and ``velocity`` are instantaneous (per frame); ``flow_next``
@@ -68,8 +69,8 @@ class Exr(ExportFormat):
             for t in source.frames:
                 image = source.image(s, t)
                 parts = [image] if image.ndim == 2 else list(np.moveaxis(image, -1, 0))
-                labels = ("R", "G", "B") if len(parts) == 3 else ("Y",)
-                channels = {label: part.astype(np.float32) for label, part in zip(labels, parts, strict=False)}
+                labels = [_EXR_COLOURS.get(name, name) for name in source.channels] or ["Y"]
+                channels = {label: part.astype(np.float32) for label, part in zip(labels, parts, strict=True)}
                 for name in names:
                     channels |= _channels(name, source, s, t)
                 with OpenEXR.File(header, channels) as file:

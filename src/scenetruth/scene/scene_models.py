@@ -24,7 +24,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 from scenetruth.bands import BandFraction, ByBand, find_by_band, in_band
 from scenetruth.camera import AnySensor, Camera, Frames, Optics, Shutter, Stage, build_sensor_chain
 from scenetruth.discovery import discriminated_union
-from scenetruth.errors import ArgumentError, Problem
+from scenetruth.errors import ArgumentError, Problem, SceneError
 from scenetruth.estimators import MethodChoice, choose
 from scenetruth.scene.lighting import Lighting
 from scenetruth.scene.plant import PlantModel
@@ -373,6 +373,12 @@ class Scene(FrozenModel):
         # Cached from the scene with all bands.
         found.__dict__.pop("parts", None)
         return found
+
+    def require_grey(self, what: str) -> None:
+        """Raise a SceneError if the camera has bands, which a computation does not support."""
+        if self.camera.bands:
+            message = f"{what} is for grey cameras; choose one band with `Scene.in_band`"
+            raise SceneError([Problem("camera.bands", message, list(self.camera.bands))])
 
     def band_scenes(self) -> list[Scene]:
         """Return the grey scenes of all bands, in order; the scene itself if it is grey."""

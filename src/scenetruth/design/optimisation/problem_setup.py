@@ -107,6 +107,7 @@ def _scene(spec: DesignSpec, problems: list[Problem]) -> Scene | None:
     """Return the base scene with the changes and the method of the design specification."""
     try:
         scene = load_scene(spec.scene)
+        scene.require_grey("an optimisation")
         plain = scene.to_dict()
         for path, value in spec.set.items():
             try:

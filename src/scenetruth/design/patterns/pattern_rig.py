@@ -132,7 +132,9 @@ class PatternRig(FrozenModel):
         if light is not None:
             values["light"] = light
         if scene is not None:
-            values = {**_read_values(load_scene(scene), measured=distance_mm is None), **values}
+            known = load_scene(scene)
+            known.require_grey("a rig of patterns")
+            values = {**_read_values(known, measured=distance_mm is None), **values}
         rig, problems = validate_values(cls, values)
         if rig is None:
             raise ArgumentError(problems, source="the rig")

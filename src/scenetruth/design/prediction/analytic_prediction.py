@@ -55,6 +55,7 @@ def predict_analytic(
 
     Without ``painting``, approximate spectra are used, objects without a spectrum are omitted, and no code is compiled.
     """
+    scene.require_grey("a prediction")
     setup = prepare_method(scene, method, window_sigma_px, motion)
     look = sample_surface(setup.scene, parts, folder)
     unknown: list[str] = []

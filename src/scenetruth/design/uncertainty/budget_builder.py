@@ -156,6 +156,7 @@ def budget(
     """
     resolve_workers(workers)
     whole, problems = load_scene(scene, overrides=overrides), []
+    whole.require_grey("an uncertainty budget")
     numbers = [whole.seed + k for k in range(seeds)] if isinstance(seeds, int) and 1 <= seeds <= _MAX_SEEDS else []
     if not isinstance(seeds, int):
         numbers = [seed for seed in seeds if isinstance(seed, int) and seed >= 0]
