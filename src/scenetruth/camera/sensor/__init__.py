@@ -9,6 +9,13 @@ from scenetruth.camera.sensor.characterisation import (
     spatial_variance,
     two_point_correction,
 )
+from scenetruth.camera.sensor.demosaicing import (
+    DEMOSAICING_KERNELS,
+    DemosaicingMethod,
+    demosaic,
+    filter_colours,
+    mosaic,
+)
 from scenetruth.camera.sensor.effects import (
     BayerFilter,
     BayerOrder,
@@ -43,10 +50,11 @@ from scenetruth.camera.sensor.sensor_types import (
 )
 
 __all__ = [
-    "PRESETS", "QUANTISATION_VARIANCE", "AnyEffect", "AnySensor", "BayerFilter", "BayerOrder", "DarkCurrent",
-    "DarkSignalNonuniformity", "Effect", "EmvaSensor", "Exposure", "FullScaleGain", "FullWell", "Gain", "Gamma",
-    "GaussianNoise", "GaussianSensor", "ImageLag", "LinearImage", "OpenSensor", "PhotoResponseNonuniformity",
-    "PhotonConversion", "PhotonTransfer", "PresetName", "Quantisation", "QuantumEfficiency", "RadiometricScale",
-    "ReadoutNoise", "SensorChain", "ShotNoise", "build_sensor_chain", "fit_response_line", "photon_transfer",
-    "spatial_variance", "two_point_correction",
+    "DEMOSAICING_KERNELS", "PRESETS", "QUANTISATION_VARIANCE", "AnyEffect", "AnySensor", "BayerFilter", "BayerOrder",
+    "DarkCurrent", "DarkSignalNonuniformity", "DemosaicingMethod", "Effect", "EmvaSensor", "Exposure", "FullScaleGain",
+    "FullWell", "Gain", "Gamma", "GaussianNoise", "GaussianSensor", "ImageLag", "LinearImage", "OpenSensor",
+    "PhotoResponseNonuniformity", "PhotonConversion", "PhotonTransfer", "PresetName", "Quantisation",
+    "QuantumEfficiency", "RadiometricScale", "ReadoutNoise", "SensorChain", "ShotNoise", "build_sensor_chain",
+    "demosaic", "filter_colours", "fit_response_line", "mosaic", "photon_transfer", "spatial_variance",
+    "two_point_correction",
 ]  # fmt: skip
