@@ -13,8 +13,15 @@ from scenetruth.camera.sensor.demosaicing import (
     DEMOSAICING_KERNELS,
     DemosaicingMethod,
     demosaic,
+    demosaicing_taps,
     filter_colours,
     mosaic,
+)
+from scenetruth.camera.sensor.demosaicing_bias import (
+    DemosaicedWave,
+    demosaic_wave,
+    predict_displacement,
+    quintic_spline_response,
 )
 from scenetruth.camera.sensor.effects import (
     BayerFilter,
@@ -51,10 +58,10 @@ from scenetruth.camera.sensor.sensor_types import (
 
 __all__ = [
     "DEMOSAICING_KERNELS", "PRESETS", "QUANTISATION_VARIANCE", "AnyEffect", "AnySensor", "BayerFilter", "BayerOrder",
-    "DarkCurrent", "DarkSignalNonuniformity", "DemosaicingMethod", "Effect", "EmvaSensor", "Exposure", "FullScaleGain",
-    "FullWell", "Gain", "Gamma", "GaussianNoise", "GaussianSensor", "ImageLag", "LinearImage", "OpenSensor",
-    "PhotoResponseNonuniformity", "PhotonConversion", "PhotonTransfer", "PresetName", "Quantisation",
+    "DarkCurrent", "DarkSignalNonuniformity", "DemosaicedWave", "DemosaicingMethod", "Effect", "EmvaSensor", "Exposure",
+    "FullScaleGain", "FullWell", "Gain", "Gamma", "GaussianNoise", "GaussianSensor", "ImageLag", "LinearImage",
+    "OpenSensor", "PhotoResponseNonuniformity", "PhotonConversion", "PhotonTransfer", "PresetName", "Quantisation",
     "QuantumEfficiency", "RadiometricScale", "ReadoutNoise", "SensorChain", "ShotNoise", "build_sensor_chain",
-    "demosaic", "filter_colours", "fit_response_line", "mosaic", "photon_transfer", "spatial_variance",
-    "two_point_correction",
+    "demosaic", "demosaic_wave", "demosaicing_taps", "filter_colours", "fit_response_line", "mosaic", "photon_transfer",
+    "predict_displacement", "quintic_spline_response", "spatial_variance", "two_point_correction",
 ]  # fmt: skip

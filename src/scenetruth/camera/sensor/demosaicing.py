@@ -7,7 +7,7 @@ from typing import Any, Literal, TypeVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["DEMOSAICING_KERNELS", "DemosaicingMethod", "demosaic", "filter_colours", "mosaic"]
+__all__ = ["DEMOSAICING_KERNELS", "DemosaicingMethod", "demosaic", "demosaicing_taps", "filter_colours", "mosaic"]
 
 DemosaicingMethod = Literal["bilinear", "malvar"]
 """Bilinear interpolation, or the gradient-corrected linear interpolation of Malvar, He and Cutler (2004)."""
@@ -17,6 +17,7 @@ _Taps = dict[tuple[int, int], float]
 
 _COLOURS = "rgb"
 _RED, _GREEN, _BLUE = range(3)
+_IDENTITY: _Taps = {(0, 0): 1.0}
 _PATTERNS = ("rggb", "grbg", "gbrg", "bggr")
 _REACH = 2
 
@@ -74,6 +75,25 @@ def filter_colours(pattern: str) -> NDArray[np.int64]:
         msg = f"pattern: must be one of {', '.join(name.upper() for name in _PATTERNS)}; got {pattern!r}"
         raise ValueError(msg)
     return np.array([_COLOURS.index(colour) for colour in pattern.lower()]).reshape(2, 2)
+
+
+def demosaicing_taps(
+    pattern: str, method: DemosaicingMethod
+) -> dict[tuple[int, int, int], dict[tuple[int, int, int], float]]:
+    """Return the weights of a demosaicing: by pixel of the pattern and colour, those of its neighbours.
+
+    Keys are row and column of the pixel and the colour of the result; those of the weights are the offset (y, x) and
+    the colour of the neighbour.
+    """
+    colours = filter_colours(pattern)
+    taps = {}
+    for y, x in np.ndindex(2, 2):
+        for colour in range(3):
+            kernel = _kernel_of(colours, y, x, colour)
+            weights = DEMOSAICING_KERNELS[method][kernel] if kernel else _IDENTITY
+            own = {(dy, dx, int(colours[(y + dy) % 2, (x + dx) % 2])): weight for (dy, dx), weight in weights.items()}
+            taps[y, x, colour] = own
+    return taps
 
 
 def mosaic(colour: NDArray[_Number], pattern: str) -> NDArray[_Number]:
@@ -184,7 +204,7 @@ def demosaic(
     for y, x in np.ndindex(2, 2):
         for colour in range(3):
             kernel = _kernel_of(colours, y, x, colour)
-            taps = DEMOSAICING_KERNELS[method][kernel] if kernel else {(0, 0): 1.0}
+            taps = DEMOSAICING_KERNELS[method][kernel] if kernel else _IDENTITY
             result[y::2, x::2, colour] = _weighted_sum(padded, y, x, mosaic.shape, taps)
     if mosaic.dtype.kind == "f":
         return result
