@@ -12,6 +12,8 @@ from scenetruth.camera.sensor import (
     PhotonTransfer,
     SensorChain,
     build_sensor_chain,
+    demosaic,
+    mosaic,
     photon_transfer,
     two_point_correction,
 )
@@ -21,5 +23,5 @@ __all__ = [
     "PRESETS", "AiryPsf", "AnySensor", "Camera", "Defocus", "Distortion", "EmvaSensor", "Frames", "GaussianPsf",
     "GaussianSensor", "ImageAcquisition", "LinearImage", "Optics", "PhotonTransfer", "PixelRays", "PoseOffset",
     "Schedule", "SensorChain", "Shutter", "Stage", "StageErrors", "StagePose", "Viewpoint", "Vignetting",
-    "build_sensor_chain", "photon_transfer", "pixel_rays", "two_point_correction",
+    "build_sensor_chain", "demosaic", "mosaic", "photon_transfer", "pixel_rays", "two_point_correction",
 ]  # fmt: skip

@@ -31,12 +31,13 @@ _EXR_COLOURS = {"red": "R", "green": "G", "blue": "B"}
 class Exr(ExportFormat):
     """Every map as a named channel of OpenEXR files, one file per camera and frame.
 
-    ``s+0_t+0.exr`` contains ``Y`` (grey image, full scale 1; colours are ``R``, ``G``, ``B``, other bands have their names) and one channel per
-    component of every map: ``depth.Z``, ``disparity.V``, ``flow.x``, ``flow.y``, ``velocity.X``, ``normal.X``,
-    ``growth_rate.V``, ... with the units and signs of the data sets; the header attribute ``units`` lists the units as
-    JSON. Scalars other than depth are called V. ``flow`` and ``velocity`` are instantaneous (per frame); ``flow_next``
-    and ``displacement_next`` are finite. Disparity, flow and the attributes ``first_column_px``, ``first_row_px`` and
-    ``step_px`` are in pixels of the camera, also for a subsampled recording. Rows run from the top down, vectors along
+    ``s+0_t+0.exr`` contains ``Y`` (grey image, full scale 1; colours are ``R``, ``G``, ``B``, and other bands have
+    their names) and one channel per component of every map: ``depth.Z``, ``disparity.V``, ``flow.x``, ``flow.y``,
+    ``velocity.X``, ``normal.X``, ``growth_rate.V``, ... with the units and signs of the data sets; the header attribute
+    ``units`` lists the units as JSON. Scalars other than depth are called V. ``flow`` and ``velocity`` are
+    instantaneous (per frame); ``flow_next`` and ``displacement_next`` are finite. Disparity, flow and the attributes
+    ``first_column_px``, ``first_row_px`` and ``step_px`` are in pixels of the camera, also for a subsampled recording.
+    Rows run from the top down, vectors along
     X right, Y down, Z forward. Numbers are float32, NaN where invalid. ``object_id`` and ``face_id`` are unsigned
     integers, one more than in the truth: 0 is no surface. Masks are 0 or 1. Lost: digits beyond float32 (6e-8 of the
     value), and variables that are not maps of the pixels of the image (``visible``, poses, times).

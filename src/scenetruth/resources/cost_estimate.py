@@ -107,6 +107,7 @@ _TEXEL_S, _NOISE_TEXEL_S, _LEAF_TEXEL_S = 9.7e-8, 2.4e-7, 3.5e-7  # per texel, a
 
 _START_BYTES = 2.55e8
 _PIXEL_BYTES, _COMPLETE_PIXEL_BYTES, _FINE_PIXEL_BYTES, _LIT_PIXEL_BYTES = 322.0, 770.0, 27.0, 35.0
+_BAND_BYTES = 24.0  # per pixel of a sharp image, for each band but the first
 _FACE_BYTES, _TEXEL_BYTES, _PAINTED_TEXEL_BYTES = 995.0, 8.1, 1.0
 
 _STORED_SAMPLE_BYTES: Mapping[int, float] = {1: 0.75, 2: 1.28, 4: 3.0}  # per pixel with noise, by bytes of a sample
@@ -128,9 +129,10 @@ def _render(demand: Workload) -> StageForecast:
     if demand.faces > _FACES_FEW:
         per_pixel = min(demand.faces / demand.pixels, _MOST_FACES_PER_PIXEL)
         truth_bytes = _STORED_CURVED_BYTES + _STORED_BYTES_BY_FACES * per_pixel
-    image_bytes = _STORED_SAMPLE_BYTES[demand.sample_bytes] + (_STORED_SAMPLE_BYTES[4] if demand.save_radiance else 0.0)
+    image_bytes = _STORED_SAMPLE_BYTES[demand.sample_bytes // demand.channels] * demand.channels
+    image_bytes += _STORED_SAMPLE_BYTES[4] * demand.bands if demand.save_radiance else 0.0
     images = _STORE_BYTES + image_bytes * demand.images * demand.pixels
-    full = (demand.sample_bytes + (4 if demand.save_radiance else 0)) * demand.images * demand.pixels
+    full = (demand.sample_bytes + (4 * demand.bands if demand.save_radiance else 0)) * demand.images * demand.pixels
     return StageForecast(
         memory,
         images + truth_bytes * scale * truths,
@@ -141,7 +143,8 @@ def _render(demand: Workload) -> StageForecast:
 
 def _rendered_by(demand: Workload, backend: _Backend) -> tuple[float, float]:
     """Return memory in bytes and time in seconds for rendering by a backend."""
-    sharp = demand.images * demand.sharp_images * demand.fine_pixels
+    # Bands are rendered one after the other.
+    sharp = demand.images * demand.sharp_images * demand.fine_pixels * demand.bands
     strips = demand.images * demand.sharp_images * (demand.strips if demand.strips > 1 else 0)
     painted = demand.noise_texels_to_paint + demand.leaf_texels_to_paint > 0
     samples = min(demand.fine_pixels * demand.supersampling**2, _TILE)
@@ -150,7 +153,7 @@ def _rendered_by(demand: Workload, backend: _Backend) -> tuple[float, float]:
         _START_BYTES
         + backend.start_bytes
         + backend.sample_bytes * samples
-        + _FINE_PIXEL_BYTES * demand.fine_pixels
+        + (_FINE_PIXEL_BYTES + _BAND_BYTES * (demand.bands - 1)) * demand.fine_pixels
         + _LIT_PIXEL_BYTES * demand.pixels * demand.lit
         + (_COMPLETE_PIXEL_BYTES if demand.complete else _PIXEL_BYTES) * demand.pixels
         + (_FACE_BYTES + backend.face_bytes) * demand.faces

@@ -96,6 +96,7 @@ class Workload(RecordingWorkload):
     ``noise_texels_to_paint``, ``leaf_texels_to_paint``: Texels that are not cached.
     ``views``: Cameras with ground truth.
     ``complete``, ``narrow``: Whether the ground truth has all maps, and is stored in 32 bits.
+    ``bands``, ``channels``: Bands that are rendered, and channels of the images, 1 for grey.
     ``rays``: Whether images are rendered by ray casting; None: by the available backend.
     ``adaptive``: Whether pixels at edges have more samples.
     """
@@ -119,6 +120,8 @@ class Workload(RecordingWorkload):
     narrow: bool
     rays: bool | None
     adaptive: bool = False
+    bands: int = 1
+    channels: int = 1
 
     @property
     def images(self) -> int:
@@ -207,14 +210,15 @@ def compute_workload(
     save_radiance: bool = False,
 ) -> Workload:
     """Compute the workload of a scene."""
-    camera, psf = scene.camera, scene.optics.psf
+    camera, psf, chain = scene.camera, scene.optics.psf, build_sensor_chain(scene.sensor)
+    channels = max(len(chain.channels(camera.bands)), 1)
     fine, margin = fine_parts(psf), margin_px(psf)
     to_paint = [part for part in parts if not part.painted]
     leaves = [part for part in parts if isinstance(part.item.mesh, LeafMesh)]
     return Workload(
         pixels=camera.width * camera.height,
         fine_pixels=(camera.width + 2 * margin) * (camera.height + 2 * margin) * fine**2,
-        sample_bytes=build_sensor_chain(scene.sensor).dtype.itemsize,
+        sample_bytes=chain.dtype.itemsize * channels,
         save_radiance=save_radiance,
         positions=scene.stage.positions * scene.stage.rows,
         frames=scene.frames.count,
@@ -234,5 +238,7 @@ def compute_workload(
         complete=complete,
         narrow=scene.storage.truth == "float32",
         adaptive=scene.render.edges == "adaptive",
+        bands=max(len(camera.bands), 1),
+        channels=channels,
         rays=True if scene.needs_rays or scene.render.backend == "raycast" else _ALL_RUN[scene.render.backend],
     )

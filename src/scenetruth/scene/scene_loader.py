@@ -261,6 +261,8 @@ def _build_message(entry: ErrorDetails, path: str) -> str:
             return "is missing"
         case _ if path == "format":
             return "unsupported format of scene files; this scenetruth version reads format 1: update scenetruth"
+        case "bands" | "value_error" if path == "sensor":
+            return message
         case _ if path == "sensor":
             named = value.get("kind") if isinstance(value, dict) else value
             return (

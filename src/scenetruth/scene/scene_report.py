@@ -203,7 +203,8 @@ def describe_scene(
     mean = float(disparity.mean()) if seen.size else 0.0
     images = scene.stage.rows * scene.stage.positions * scene.frames.count
     pixels = scene.camera.width * scene.camera.height
-    sample = build_sensor_chain(scene.sensor).dtype.itemsize
+    chain = build_sensor_chain(scene.sensor)
+    sample = chain.dtype.itemsize * max(len(chain.channels(scene.camera.bands)), 1)
     messages = [*_texture_warnings(reports), *_extension_warnings(reports), *_material_warnings(scene)]
     ends = (float(disparity.min()), float(disparity.max())) if seen.size else (0.0, 0.0)
     span = (ends[0] - round(mean), ends[1] - round(mean))

@@ -12,7 +12,7 @@ from pydantic import ValidationError, field_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from scenetruth.bands import in_band
-from scenetruth.camera.sensor.effects import Effect, Exposure, LinearImage, Unit
+from scenetruth.camera.sensor.effects import Demosaicing, Effect, Exposure, FilterArray, LinearImage, Unit
 from scenetruth.discovery import discriminated_union
 from scenetruth.random_streams import GeneratorFor
 from scenetruth.validated_model import FrozenModel
@@ -43,7 +43,7 @@ class SensorChain(FrozenModel):
     @field_validator("effects")
     @classmethod
     def _fit_together(cls, value: tuple[Effect, ...]) -> tuple[Effect, ...]:
-        problems = [*_misfits(value), *_taken_twice(value)] or _blind_spots(value)
+        problems = [*_misfits(value), *_taken_twice(value), *_without_filters(value)] or _blind_spots(value)
         if problems:
             # A validation error raised here preserves the path of each effect.
             raise ValidationError.from_exception_data(cls.__name__, problems)
@@ -108,6 +108,7 @@ class _Step(NamedTuple):
     effect: Effect
     pattern: NDArray[np.float64] | None
     generator_for: GeneratorFor
+    filter_order: str
 
 
 class OpenSensor:
@@ -122,7 +123,8 @@ class OpenSensor:
     ) -> None:
         self.chain = chain
         self._steps: list[list[_Step]] = []
-        for effect in chain.effects:
+        for number, effect in enumerate(chain.effects):
+            order = _filter_order(chain.effects[:number])
             alone = effect.mixes_bands or not bands
             streams: list[GeneratorFor] = [generator_for]
             if not alone:
@@ -130,7 +132,7 @@ class OpenSensor:
             parts = [effect] if alone else [in_band(effect, band) for band in bands]
             self._steps.append(
                 [
-                    _Step(part, part.draw_pattern(shape, stream("pattern", part.key)), stream)
+                    _Step(part, part.draw_pattern(shape, stream("pattern", part.key)), stream, order)
                     for part, stream in zip(parts, streams, strict=True)
                 ]
             )
@@ -173,6 +175,7 @@ class OpenSensor:
                 generator=partial(step.generator_for, *effect.stream(image.s_y, image.s, image.t)),
                 pattern=step.pattern,
                 previous=before,
+                filter_order=step.filter_order,
             ),
         )
 
@@ -183,7 +186,8 @@ def _get_output_unit(effects: Sequence[Effect]) -> Unit:
 
 def _largest_number(effects: Sequence[Effect]) -> float:
     """Return the largest digital number; 1 without digitisation."""
-    numbers = [effect.mean_response(np.inf, 1.0) for effect in effects if effect.gives == "digital numbers"]
+    converters = [effect for effect in effects if effect.gives == "digital numbers" != effect.takes]
+    numbers = [effect.mean_response(np.inf, 1.0) for effect in converters]
     return numbers[-1] if numbers else 1.0
 
 
@@ -221,6 +225,22 @@ def _taken_twice(effects: Sequence[Effect]) -> list[InitErrorDetails]:
         for index, key in enumerate(keys)
         if keys.index(key) < index
     ]
+
+
+def _without_filters(effects: Sequence[Effect]) -> list[InitErrorDetails]:
+    """Return the demosaicings that no colour filters precede."""
+    message = "requires colour filters before it: insert 'colour_filter_array' or 'bayer_filter'"
+    return [
+        _chain_problem(index, message, effect.kind)
+        for index, effect in enumerate(effects)
+        if isinstance(effect, Demosaicing) and not _filter_order(effects[:index])
+    ]
+
+
+def _filter_order(effects: Sequence[Effect]) -> str:
+    """Return the order of the last colour filters; empty for none."""
+    orders = [effect.order for effect in effects if isinstance(effect, FilterArray)]
+    return orders[-1] if orders else ""
 
 
 def _blind_spots(effects: Sequence[Effect]) -> list[InitErrorDetails]:

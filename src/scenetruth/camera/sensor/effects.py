@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from scenetruth.bands import COLOURS, BandFraction, ByBand, as_number
+from scenetruth.camera.sensor.demosaicing import DemosaicingMethod, demosaic, filter_colours, mosaic
 from scenetruth.validated_model import FrozenModel, NonNegative, Positive
 
 __all__ = [
-    "BayerFilter", "BayerOrder", "ColourFilterArray", "Effect", "Exponent", "Exposure", "FullScaleGain", "FullWell",
-    "Gain", "Gamma", "ImageLag", "LinearImage", "PhotonConversion", "Quantisation", "QuantumEfficiency",
-    "RadiometricScale", "SpectralResponse", "Unit",
+    "BayerFilter", "BayerOrder", "ColourFilterArray", "Demosaicing", "Effect", "Exponent", "Exposure", "FilterArray",
+    "FullScaleGain", "FullWell", "Gain", "Gamma", "ImageLag", "LinearImage", "PhotonConversion", "Quantisation",
+    "QuantumEfficiency", "RadiometricScale", "SpectralResponse", "Unit",
 ]  # fmt: skip
 
 
@@ -44,6 +45,7 @@ class Exposure:
     ``full_scale``: Largest digital number of the chain; 1 without digitisation.
     ``pattern``: Fixed pattern returned by `Effect.draw_pattern`.
     ``previous``: Input signal for the previous image, shape (y, x); None for the first image or without memory.
+    ``filter_order``: Order of the colour filters before the effect; empty for none.
     """
 
     s_y: int
@@ -53,6 +55,7 @@ class Exposure:
     generator: Callable[[], np.random.Generator]
     pattern: NDArray[np.float64] | None = None
     previous: NDArray[np.float64] | None = None
+    filter_order: str = ""
 
 
 class Effect(FrozenModel):
@@ -110,17 +113,8 @@ class Effect(FrozenModel):
 
 BayerOrder = Literal["rggb", "grbg", "gbrg", "bggr"]
 
-_COLOURS = "rgb"  # indices of the colours in `BayerFilter.response`
 
-
-def _filter_indices(order: BayerOrder, shape: tuple[int, ...]) -> NDArray[np.intp]:
-    """Return the index of the colour of each pixel, shape (y, x): 0 red, 1 green, 2 blue."""
-    block = np.array([_COLOURS.index(colour) for colour in order]).reshape(2, 2)
-    repeats = (-(-shape[0] // 2), -(-shape[1] // 2))
-    return np.asarray(np.tile(block, repeats)[: shape[0], : shape[1]])
-
-
-class _Mosaic(Effect):
+class FilterArray(Effect):
     """Base class of colour filter arrays, behind which each pixel sees one colour."""
 
     mixes_bands: ClassVar[bool] = True
@@ -140,13 +134,10 @@ class _Mosaic(Effect):
 
     def _seen(self, signal: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the colour of each pixel, shape (y, x); a grey signal is the same in all colours."""
-        if signal.ndim == 2:
-            return signal
-        index = _filter_indices(self.order, signal.shape)
-        return np.take_along_axis(signal, index[..., None], axis=-1)[..., 0]
+        return signal if signal.ndim == 2 else mosaic(signal, self.order)
 
 
-class ColourFilterArray(_Mosaic):
+class ColourFilterArray(FilterArray):
     """Bayer colour filters of ideal transmittance: each pixel keeps the radiance of one band."""
 
     takes: ClassVar[Unit] = "radiance"
@@ -160,7 +151,7 @@ class ColourFilterArray(_Mosaic):
         return self._seen(signal)
 
 
-class BayerFilter(_Mosaic):
+class BayerFilter(FilterArray):
     """Bayer colour filters, which transmit a fraction of the photons: of their band, or of a grey scene."""
 
     takes: ClassVar[Unit] = "photons"
@@ -173,7 +164,9 @@ class BayerFilter(_Mosaic):
 
     def draw_pattern(self, shape: tuple[int, int], generator: np.random.Generator) -> NDArray[np.float64]:
         """Return the transmittance of each pixel."""
-        return np.array(self.response)[_filter_indices(self.order, shape)]
+        repeats = (-(-shape[0] // 2), -(-shape[1] // 2))
+        colours = np.tile(filter_colours(self.order), repeats)[: shape[0], : shape[1]]
+        return np.array(self.response)[colours]
 
     def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
         """Keep one band in each pixel and multiply by the transmittance."""
@@ -187,6 +180,30 @@ class BayerFilter(_Mosaic):
     def largest_input(self, largest_output: float, full_scale: float) -> float:
         """Return the photons in front of the filter of highest transmittance, whose pixels saturate first."""
         return largest_output / max(self.response)
+
+
+class Demosaicing(Effect):
+    """Interpolation of the two missing colours of each pixel behind colour filters, as in cameras."""
+
+    takes: ClassVar[Unit] = "digital numbers"
+    gives: ClassVar[Unit] = "digital numbers"
+    mixes_bands: ClassVar[bool] = True
+
+    kind: Literal["demosaicing"]
+    """Type of the effect."""
+    method: DemosaicingMethod = "malvar"
+    """``bilinear``: mean of the nearest pixels of the colour; ``malvar``: with a correction by the gradient of the
+    other colours (Malvar, He and Cutler 2004).
+    """
+
+    def channels(self, bands: tuple[str, ...]) -> tuple[str, ...]:
+        """Return red, green and blue."""
+        return COLOURS
+
+    def apply(self, signal: NDArray[np.float64], exposure: Exposure) -> NDArray[np.float64]:
+        """Interpolate, round and clip."""
+        colours = demosaic(signal, exposure.filter_order, self.method)
+        return np.clip(np.rint(colours), 0, exposure.full_scale)
 
 
 class SpectralResponse(Effect):

@@ -4,24 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
     BeforeValidator,
     ConfigDict,
     Discriminator,
     Field,
+    SerializerFunctionWrapHandler,
     Tag,
     ValidationError,
     ValidationInfo,
     field_validator,
+    model_serializer,
     model_validator,
 )
 
 from scenetruth.camera.sensor.chain import InsertedEffect, SensorChain, check_insertions, insert_effects
+from scenetruth.camera.sensor.demosaicing import DemosaicingMethod
 from scenetruth.camera.sensor.effects import (
     BayerFilter,
     BayerOrder,
+    ColourFilterArray,
+    Demosaicing,
     Effect,
     Exponent,
     FullScaleGain,
@@ -48,8 +53,38 @@ from scenetruth.validated_model import FrozenModel, NonNegative, Positive, Prese
 __all__ = ["PRESETS", "AnySensor", "EmvaSensor", "GaussianSensor", "PresetName", "build_sensor_chain"]
 
 
-class GaussianSensor(FrozenModel):
+class ColourSensor(FrozenModel):
+    """Base class of sensors that may have colour filters; those without keep their values and hashes."""
+
+    demosaicing: DemosaicingMethod | None = None
+    """Interpolation of the colours behind a Bayer filter after digitisation, by the method of ``demosaicing``; null for
+    images of the mosaic.
+    """
+
+    @model_validator(mode="after")
+    def _behind_filters(self) -> Self:
+        if self.demosaicing and getattr(self, "bayer", None) is None:
+            msg = "demosaicing requires the order of the colour filters: specify bayer"
+            raise ValueError(msg)
+        return self
+
+    @model_serializer(mode="wrap")
+    def _write(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Omit what recent versions added, unless it is used."""
+        plain: dict[str, Any] = write(self)
+        added = ("demosaicing", *self._added)
+        return {name: value for name, value in plain.items() if name not in added or value is not None}
+
+    _added: ClassVar[tuple[str, ...]] = ()
+
+    def _demosaicing_effects(self) -> list[Effect]:
+        return [] if self.demosaicing is None else [Demosaicing(kind="demosaicing", method=self.demosaicing)]
+
+
+class GaussianSensor(ColourSensor):
     """Sensor with temporal Gaussian noise and digitisation."""
+
+    _added: ClassVar[tuple[str, ...]] = ("bayer",)
 
     kind: Literal["gaussian"] = "gaussian"
     """Sensor type; may be omitted."""
@@ -59,16 +94,29 @@ class GaussianSensor(FrozenModel):
     """Bits per digital number; null for floats (no digitisation, no saturation)."""
     full_scale_radiance: Positive = 1.0
     """Radiance at full scale."""
+    bayer: BayerOrder | None = None
+    """Colours of the 2 x 2 Bayer filter in row-major order from the upper left; null for none."""
+
+    @model_validator(mode="after")
+    def _demosaics_numbers(self) -> Self:
+        if self.demosaicing and self.bit_depth is None:
+            msg = "demosaicing requires digital numbers: specify bit_depth"
+            raise ValueError(msg)
+        return self
 
     def chain(self) -> SensorChain:
         """Return the equivalent chain of effects."""
-        effects: list[Effect] = [RadiometricScale(kind="full_scale", full_scale_radiance=self.full_scale_radiance)]
+        effects: list[Effect] = []
+        if self.bayer is not None:
+            effects.append(ColourFilterArray(kind="colour_filter_array", order=self.bayer))
+        effects.append(RadiometricScale(kind="full_scale", full_scale_radiance=self.full_scale_radiance))
         if self.noise_std > 0:
             effects.append(GaussianNoise(kind="gaussian_noise", noise_std=self.noise_std))
         if self.bit_depth is not None:
             effects += [
                 FullScaleGain(kind="full_range_gain"),
                 Quantisation(kind="digitisation", bit_depth=self.bit_depth),
+                *self._demosaicing_effects(),
             ]
         return SensorChain(effects=tuple(effects))
 
@@ -157,7 +205,7 @@ def _preset_or_fields(schema: dict[str, Any]) -> None:
     schema["anyOf"] = [{"required": ["kind", "preset"]}, {"required": required}]
 
 
-class EmvaSensor(FrozenModel):
+class EmvaSensor(ColourSensor):
     """Linear sensor specified by EMVA 1288 parameters.
 
     The electrons of a pixel are Poisson distributed with mean η μ_p (1 + PRNU x) + dark current, clipped at the full
@@ -202,7 +250,7 @@ class EmvaSensor(FrozenModel):
     bayer: BayerOrder | None = None
     """Colours of the 2 x 2 Bayer filter in row-major order from the upper left; null for none."""
     bayer_response: tuple[Positive, Positive, Positive] = (0.7, 1.0, 0.6)
-    """Transmittance of the red, green and blue filters for a grey scene."""
+    """Transmittance of the red, green and blue filters, for a grey scene or for the bands red, green and blue."""
     insert: tuple[InsertedEffect, ...] = ()
     """Additional effects, each inserted after an effect of the sensor."""
 
@@ -304,6 +352,7 @@ class EmvaSensor(FrozenModel):
             Gain(kind="gain", gain_dn_per_e=self.gain_dn_per_e, black_level_dn=self.black_level_dn),
             Gamma(kind="gamma", gamma=self.gamma) if self.gamma != 1 else None,
             Quantisation(kind="digitisation", bit_depth=self.bit_depth),
+            *self._demosaicing_effects(),
         ]
         return tuple(effect for effect in effects if effect is not None)
 

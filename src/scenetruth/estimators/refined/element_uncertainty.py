@@ -93,10 +93,12 @@ def _textures(images: ImageStack, sigma_px: float) -> Map:
 def _displace(images: ImageStack, fields: Map, at: Map, texture: Map, rooted: Map, turned: Map) -> Map:
     """Return the errors of disparity, and of velocity times disparity, per unit error; shape (points, 4, any)."""
     view = images.view()
-    moves = compute_point_derivatives(view, fields, at, still=count_frames(view) == 1)
+    still = count_frames(view) == 1
+    moves = compute_point_derivatives(view, fields, at, still=still)
     points, count = len(at[0]), len(view.s)
     follow = follow_points(moves, texture)[:, :4].reshape(points, 4, count, 2)
-    follow[:, 1:] *= fields[0][:, None, None, None]
+    # A single frame does not determine the velocity.
+    follow[:, 1:] *= 0.0 if still else fields[0][:, None, None, None]
     by_pose = np.einsum("pfnk,pnki->pfni", follow, moves.by_image, optimize=True).reshape(points, 4, -1)
     bent = _bend(moves.by_image, follow, images.focal)
     return np.concatenate([np.matmul(by_pose, rooted), np.matmul(bent, turned)], axis=2)
