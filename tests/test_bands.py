@@ -155,7 +155,7 @@ def uniform(sensor: dict[str, Any], size: tuple[int, int] = (60, 40), **changes:
 
 
 def images_of(plain: Mapping[str, Any]) -> NDArray[np.float64]:
-    return st.simulate(plain).recording.image.values.astype(np.float64)
+    return np.asarray(st.simulate(plain).recording.image.values, dtype=np.float64)
 
 
 @pytest.mark.filterwarnings("ignore::scenetruth.errors.SceneWarning")
