@@ -29,7 +29,7 @@ from tests.helpers.scenes import cube
 def example() -> tuple[Scene, BuiltScene, xr.Dataset]:
     scene = gate()
     world = build_scene(scene)
-    return scene, world, make_truth(scene, truth_views="all", truth_content="complete")
+    return scene, world, make_truth(scene, truth_views="all", truth_content="complete_with_light")
 
 
 def points_at(world: BuiltScene, truth: xr.Dataset, time: float) -> NDArray[np.float64]:
