@@ -12,7 +12,8 @@ from scenetruth.camera import Viewpoint
 from scenetruth.raycast import Topology
 from scenetruth.scene import load_scene
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.truth import GeometryPass, make_truth, truth_from_world, truth_maps
+from scenetruth.simulation import make_truth
+from scenetruth.truth import GeometryPass, truth_from_world, truth_maps
 
 SCENES = Path(__file__).parents[1] / "scenes"
 SCENE = load_scene(SCENES / "cube.yaml")

@@ -45,8 +45,8 @@ from scenetruth.scene import Scene, load_scene
 from scenetruth.schema import STATUS_VALID
 from scenetruth.scoring.regions import main_regions
 from scenetruth.settings import ScoreSettings
+from scenetruth.simulation import make_truth
 from scenetruth.storage import open_store, save_store
-from scenetruth.truth import make_truth
 
 __all__ = ["draw_scene", "main", "measure", "truth_of_recording"]
 

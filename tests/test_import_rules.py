@@ -95,7 +95,7 @@ MAY_IMPORT = {
     "capture": {
         *LEAVES,
         *("scene", "camera", "render", "truth", "resources", "provenance", "schema", "estimators"),
-        *("output", "storage", "jobs", "pipeline", "scoring", "results"),
+        *("output", "storage", "jobs", "simulation", "pipeline", "scoring", "results"),
     },
     "testing": {
         *LEAVES,

@@ -22,7 +22,7 @@ from scenetruth.camera import Viewpoint
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import BuiltScene, build_scene
-from scenetruth.truth import make_truth
+from scenetruth.simulation import make_truth
 
 ROOT = Path(__file__).parents[2]
 PICTURES = ROOT / "docs" / "reference" / "gallery"

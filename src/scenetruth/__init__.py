@@ -53,9 +53,9 @@ if TYPE_CHECKING:
     from scenetruth.scene import Scene, load_scene
     from scenetruth.schema import make_estimate, make_recording
     from scenetruth.scoring import Score, compute_growth_rate, detect_convention_mismatches, score, write_report
-    from scenetruth.simulation import Simulation, simulate
+    from scenetruth.simulation import Simulation, make_truth, simulate
     from scenetruth.storage import load_store, open_store, save_store
-    from scenetruth.truth import make_truth, track_points
+    from scenetruth.truth import track_points
 
     __version__: str
 
@@ -104,9 +104,9 @@ _import_name, _list_names = export_lazily(
         "scene": "Scene load_scene",
         "schema": "make_estimate make_recording",
         "scoring": "Score compute_growth_rate detect_convention_mismatches score write_report",
-        "simulation": "Simulation simulate",
+        "simulation": "Simulation make_truth simulate",
         "storage": "load_store open_store save_store",
-        "truth": "make_truth track_points",
+        "truth": "track_points",
     },
 )
 

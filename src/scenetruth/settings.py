@@ -39,6 +39,10 @@ class ScoreSettings(FrozenModel):
     boundary_classes_px: Bounds = (0.0, 5.0, 10.0, 20.0)
     """Limits of the regions ``boundary_LOW_HIGH``: distance to the nearest mixed pixel, px. The last class,
     ``boundary_LOW_inf``, has no upper limit."""
+    specular_share: Annotated[float, Field(gt=0, le=1)] = 0.1
+    """Minimum share of specular light in the radiance of the region ``specular``."""
+    shadow_width_px: NonNegative = 6.0
+    """Maximum distance of the region ``shadow_boundary`` from a border of a shadow, px."""
     contrast_window_px: Window = 6.0
     """Standard deviation of the Gaussian window for texture contrast, px."""
     contrast_classes: tuple[Positive, Positive] = (0.02, 0.05)

@@ -8,7 +8,7 @@ from contextlib import closing, contextmanager
 from functools import partial
 from itertools import chain, groupby, islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -23,7 +23,7 @@ from scenetruth.random_streams import generator_for
 from scenetruth.render import Renderer, choose_renderer
 from scenetruth.resources import Limits, refuse_beyond_limits
 from scenetruth.scene import Overrides, SceneLike, load_scene
-from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.built_scene import BuiltScene, build_scene
 from scenetruth.scene.lighting import Lighting
 from scenetruth.scene.scene_models import Scene
 from scenetruth.scene.scene_report import check_scene
@@ -40,9 +40,13 @@ from scenetruth.truth import (
     count_tasks_at_once,
     memory_for,
     refuse_arguments,
+    truth_from_world,
 )
 
-__all__ = ["Simulation", "simulate", "simulate_into"]
+if TYPE_CHECKING:
+    from scenetruth.render.light_maps import LightOfScene
+
+__all__ = ["Simulation", "make_truth", "simulate", "simulate_into"]
 
 
 class Simulation(NamedTuple):
@@ -102,7 +106,7 @@ def simulate(
     truth_content
         ``"standard"``: the maps for scoring; ``"complete"``: all maps, at more than twice the size, with acceleration,
         displacement and finite flow to t ± 1, slopes, curvatures, rotation rate, principal growth rates, and material
-        coordinates.
+        coordinates; ``"complete_with_light"``: also maps of light, see `make_truth`.
     save_radiance
         Whether the recording also contains ``radiance``, the linear, noise-free input images of the sensor.
     limits
@@ -162,6 +166,86 @@ def simulate(
         work.perform(choice, images.put, maps.put)
     work.warn(stacklevel=3)
     return Simulation(images.dataset(), maps.dataset())
+
+
+def make_truth(
+    scene: SceneLike,
+    *,
+    overrides: Overrides = (),
+    truth_views: TruthViews = "reference",
+    truth_poses: TruthPoses = "actual",
+    truth_content: TruthMaps = "standard",
+    limits: Limits | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Compute the exact ground truth of a scene without rendering images.
+
+    Parameters
+    ----------
+    scene
+        A scene, its values, its file, or the name of a bundled scene.
+    overrides
+        Overrides of scene fields, as in `load_scene`.
+    truth_views
+        ``"reference"``: ground truth of the reference camera (s = 0) at every frame; ``"all"``: of every camera.
+    truth_poses
+        ``"actual"``: ground truth at the actual time and pose of each image, including stage errors; ``"nominal"``: at
+          the planned time and pose.
+    truth_content
+        ``"standard"``: the maps that estimates are scored against; ``"complete"``: all maps, at more than twice the
+          size: also acceleration, displacement and finite flow to t ± 1, slopes, curvatures, rotation rate, principal
+          growth rates and material coordinates; ``"complete_with_light"``: also radiance, its shares of diffuse,
+          specular, transmitted and ambient light, and the fraction of the lamps' light that is not blocked.
+    limits
+        Resource limits of the scene (`scenetruth.Limits`).
+    progress
+        Callback with the arguments (task, done, total).
+
+    Returns
+    -------
+    xarray.Dataset
+        Maps (t, y, x) or (s, t, y, x) in float64, at pixel centres; see ``docs/reference/data_model.md``. NaN where
+        no surface is visible.
+
+    Raises
+    ------
+    ArgumentError
+        If arguments are invalid; lists every problem.
+    SceneError
+        If the scene is invalid, exceeds a limit, or no object is visible.
+
+    See Also
+    --------
+    simulate : Simulate images and ground truth.
+
+    Examples
+    --------
+    >>> import scenetruth as st
+    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}}
+    >>> wall |= {"pose": {"position_mm": [0, 0, 100]}}
+    >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [wall]}
+    >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 1}}
+    >>> truth = st.make_truth(st.Scene.from_dict(plain))
+    >>> float(truth.depth[0, 15, 20]), float(truth.disparity[0, 15, 20])
+    (100.0, 3.0)
+    """
+    refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
+    scene = load_scene(scene, overrides=overrides)
+    refuse_beyond_limits(scene, limits)
+    world = build_scene(scene)
+    check_scene(scene, world)
+    choice = TruthOptions(truth_views, truth_poses, truth_content)
+    light = _light_of(scene, world, choice)
+    return truth_from_world(scene, world, choice, provenance_attributes(scene), progress, light)
+
+
+def _light_of(scene: Scene, world: BuiltScene, choice: TruthOptions) -> LightOfScene | None:
+    """Return the light of a scene if maps of light are chosen."""
+    if choice.content != "complete_with_light":
+        return None
+    from scenetruth.render.light_maps import LightOfScene
+
+    return LightOfScene(scene.lighting, world)
 
 
 def simulate_into(
@@ -233,7 +317,7 @@ class _Work:
     def perform(self, choice: TruthOptions, put_image: Put, put_map: Put) -> None:
         """Render all images, apply the sensor model, and compute the truth, in several threads; requires `opened`."""
         scene, progress = self.scene, self.progress
-        truth = TruthTasks(scene, self.world, choice)
+        truth = TruthTasks(scene, self.world, choice, _light_of(scene, self.world, choice))
         size = (scene.camera.width * scene.camera.height, len(self.world.faces))
         at_once = count_tasks_at_once(*size)
         runs = self._list_images(at_once)

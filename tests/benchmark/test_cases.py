@@ -22,7 +22,7 @@ CASES = list(all_cases().values())
 
 
 def truth_of(case: Case, value: float) -> xr.Dataset:
-    whole = simulate(Scene.from_dict(case.scene(value)))[1]
+    whole = simulate(Scene.from_dict(case.scene(value)), truth_content=case.truth_content)[1]
     return whole.sel(t=0).assign(seen_throughout=(("y", "x"), visible_throughout(whole)))
 
 

@@ -34,6 +34,7 @@ EVERYTHING: dict[str, Any] = {
     },
     "sensor": {"kind": "emva1288", "preset": "industrial_cmos"},
     "render.supersampling": 2,
+    "objects.0.material": {"refractive_index": 1.5, "roughness": 0.3, "transmittance": 0.2, "reflectance": 0.7},
 }
 """Every cause that a scene can have."""
 

@@ -12,7 +12,7 @@ from scipy import ndimage
 
 import scenetruth as st
 from scenetruth.schema import label, read_intrinsics
-from scenetruth.truth import make_truth
+from scenetruth.simulation import make_truth
 
 Map = NDArray[np.float64]
 

@@ -226,3 +226,20 @@ def test_contrast_is_a_fraction_of_full_scale(told: Case) -> None:
     np.testing.assert_allclose(reference_images(colours, frames), expected)
     rows = told.recording.assign(image=image.expand_dims(s_y=[-1, 0, 1]))
     np.testing.assert_allclose(reference_images(rows, frames), expected)
+
+
+def test_regions_of_light_are_parts_of_the_visible_interior() -> None:
+    case = make_growing_case()
+    shape = case.truth["depth"].shape
+    share, distance = np.full(shape, 0.05), np.full(shape, np.inf)
+    share[..., 10:15], distance[..., 20:30] = (np.nan, 0.1, 0.3, 0.09, 0.1), np.abs(np.arange(-5, 5))
+    lit = case.truth.assign(
+        specular_share=(case.truth["depth"].dims, share), shadow_distance=(case.truth["depth"].dims, distance)
+    )
+    inner = np.ones(shape, dtype=bool)
+    inner[:, :2] = False
+    found = further_regions(lit, inner, ScoreSettings(shadow_width_px=3))
+    columns = {name: np.unique(np.nonzero(found[name])[-1]).tolist() for name in ("specular", "shadow_boundary")}
+    assert columns == {"specular": [11, 12, 14], "shadow_boundary": list(range(22, 29))}
+    assert all(is_further_region(name) and not found[name][:, :2].any() for name in columns)
+    assert not {"specular", "shadow_boundary"} & set(further_regions(case.truth, inner, ScoreSettings()))

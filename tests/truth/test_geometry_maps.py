@@ -16,7 +16,8 @@ from scenetruth.camera import Viewpoint
 from scenetruth.raycast import Topology
 from scenetruth.scene import Scene, load_scene
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.truth import GeometryPass, make_truth, truth_by_rows, truth_maps
+from scenetruth.simulation import make_truth
+from scenetruth.truth import GeometryPass, truth_by_rows, truth_maps
 from scenetruth.truth.geometry_maps import boundary_distance
 from tests.helpers.nightly import NIGHTLY, nightly
 from tests.helpers.scenes import LIBRARY, SCENES, cube, small

@@ -18,7 +18,8 @@ from scenetruth.errors import SceneWarning
 from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import BuiltScene, build_scene
 from scenetruth.schema import VARIABLES
-from scenetruth.truth import TruthPoses, TruthViews, interior_warnings, make_truth
+from scenetruth.simulation import make_truth
+from scenetruth.truth import TruthPoses, TruthViews, interior_warnings
 from tests.helpers.ball_mesh import ball
 from tests.helpers.occluding_gate import gate
 from tests.helpers.scenes import cube
@@ -28,7 +29,7 @@ from tests.helpers.scenes import cube
 def example() -> tuple[Scene, BuiltScene, xr.Dataset]:
     scene = gate()
     world = build_scene(scene)
-    return scene, world, make_truth(scene, truth_views="all", truth_content="complete")
+    return scene, world, make_truth(scene, truth_views="all", truth_content="complete_with_light")
 
 
 def points_at(world: BuiltScene, truth: xr.Dataset, time: float) -> NDArray[np.float64]:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.truth import TruthOptions, make_truth, truth_from_world
+from scenetruth.simulation import make_truth
+from scenetruth.truth import TruthOptions, truth_from_world
 from tests.helpers.nightly import nightly
 from tests.helpers.occluding_gate import gate
 from tests.helpers.scenes import cube

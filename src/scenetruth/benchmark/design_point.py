@@ -193,7 +193,7 @@ def measure(
     first = point.values[0]
     noise_std = case.noise_std(first)
     with ignore_scene_warnings():
-        ideal, whole = simulate(point.scene(), limits=limits)
+        ideal, whole = simulate(point.scene(), truth_content=case.truth_content, limits=limits)
         truth = whole.sel(t=[0])
         truth = truth.assign(seen_throughout=(("y", "x"), visible_throughout(whole)))
         found = []

@@ -29,8 +29,8 @@ from scenetruth.resources import Limits, refuse_beyond_limits
 from scenetruth.scene import Overrides, SceneLike, load_scene
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.scene_report import check_scene
+from scenetruth.simulation import make_truth
 from scenetruth.storage import TRUTH, is_store, save_store, store_name
-from scenetruth.truth import make_truth
 
 __all__ = ["simulate_capture"]
 

@@ -30,7 +30,7 @@ from scenetruth.errors import ArgumentError, Problem, SceneError, SceneWarning
 from scenetruth.provenance import build_schedule
 from scenetruth.random_streams import generator_for
 from scenetruth.scene import Scene
-from scenetruth.truth import make_truth
+from scenetruth.simulation import make_truth
 from scenetruth.validated_model import Finite, FrozenModel, NonNegative, Positive
 
 __all__ = ["BoardPose", "CapturePlan", "CaptureSimulation", "FiducialStrip", "plan_capture", "read_settings"]

@@ -88,6 +88,7 @@ class TruthContentChoice(StrEnum):
 
     standard = "standard"
     complete = "complete"
+    complete_with_light = "complete_with_light"
 
 
 class TemplateType(StrEnum):
@@ -370,7 +371,11 @@ TruthPoses = Annotated[
 ]
 
 TruthContent = Annotated[
-    TruthContentChoice, typer.Option("--truth-content", help="Maps of the ground truth: those that are scored, or all.")
+    TruthContentChoice,
+    typer.Option(
+        "--truth-content",
+        help="Maps of the ground truth: for scores, all, or all with light.",
+    ),
 ]
 
 Report = Annotated[bool, typer.Option("--report/--no-report", help="Figures and report.")]

@@ -239,7 +239,7 @@ def estimate_sample_cost(
         scene,
         limited_objects(scene, limits),
         views=scene.stage.positions * scene.stage.rows if truth.views == "all" else 1,
-        complete=truth.content == "complete",
+        complete=truth.content != "standard",
         save_radiance=sampler.recipe.save_radiance,
     )
     forecast = estimate_cost(demand, ["render"])

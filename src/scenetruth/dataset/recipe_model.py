@@ -68,8 +68,8 @@ class TruthSettings(FrozenModel):
     """Cameras with truth."""
     poses: Literal["actual", "nominal"] = "actual"
     """Camera poses: actual or nominal."""
-    content: Literal["standard", "complete"] = "standard"
-    """Maps for scoring, or all available maps of the surface."""
+    content: Literal["standard", "complete", "complete_with_light"] = "standard"
+    """Maps for scoring, all maps of geometry and motion, or also those of light."""
 
 
 def _one_line(value: str) -> str:

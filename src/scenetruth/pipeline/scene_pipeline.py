@@ -225,7 +225,7 @@ def _run_stages(
             scene,
             limited_objects(scene, allowed),
             views=scene.stage.positions * scene.stage.rows if truth.views == "all" else 1,
-            complete=truth.content == "complete",
+            complete=truth.content != "standard",
             save_radiance=save_radiance,
         )
         demand = replace(demand, effort=compute_method_workload(choices))

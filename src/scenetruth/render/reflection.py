@@ -201,14 +201,17 @@ class Reflection:
         self._sheets: tuple[RayCaster, list[_Sheet]] | None = None
 
     def light(
-        self, caster: RayCaster, lamps: list[Lamp], place: SeenPoints
+        self, caster: RayCaster, lamps: list[Lamp], place: SeenPoints, optics: ReflectionTables | None = None
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint64], NDArray[np.uint64]]:
-        """Compute factors, gloss, state numbers and blocked lamps of points, see `shading.Arrived`."""
+        """Compute factors, gloss, state numbers and blocked lamps of points, see `shading.Arrived`.
+
+        ``optics``: Parameters of the reflecting points in place of those of their materials, which cast the shadows.
+        """
         from scenetruth.render.reflectance_kernels import reflect_ambient, reflect_light
 
         _, points_mm, normals, faces, _ = place
         view = place[:4]
-        surface = (self._tangents(caster), self._world.face_material, *self._optics)
+        surface = (self._tangents(caster), self._world.face_material, *(optics or self._optics))
         factors, gloss = np.zeros((2, len(points_mm)))
         state, blocked = np.zeros((2, len(points_mm)), dtype=np.uint64)
         reflect_ambient(self._lighting.ambient_irradiance, view, surface, factors, gloss)

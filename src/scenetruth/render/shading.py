@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.raycast import Changes, Hits, RayCaster, ShadowCaster, SurfaceLines
-from scenetruth.render.reflection import Reflection, SeenPoints, light_of
+from scenetruth.render.reflection import Reflection, ReflectionTables, SeenPoints, light_of
 from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lamp, Lighting
 
@@ -130,12 +130,18 @@ class Shader:
         self._reflection = Reflection(lighting, world)
 
     def arrived(
-        self, caster: RayCaster, t: float, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], hits: Hits
+        self,
+        caster: RayCaster,
+        t: float,
+        origin_mm: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        hits: Hits,
+        optics: ReflectionTables | None = None,
     ) -> Arrived:
         """Compute the light at ray hits.
 
         For matt surfaces, the factors are ambient + sum of E falloff max(0, n l) over the unblocked lights; 1 without a
-        hit, where gloss is 0.
+        hit, where gloss is 0. ``optics``: See `Reflection.light`.
         """
         from scenetruth.render.shading_kernels import facing_points
 
@@ -152,14 +158,16 @@ class Shader:
         lamps = self._lighting.lamps_at(t)
         factors, (state, blocked) = np.ones(len(directions)), np.zeros((2, len(directions)), dtype=np.uint64)
         gloss = None
-        if self.matt:
+        if self.matt and optics is None:
             found = self.irradiance(caster, lamps, points, normals, hits.face[seen], starts)
             factors[seen], state[seen], blocked[seen] = found
         else:
             gloss = np.zeros(len(directions))
             origin = np.asarray(origin_mm, dtype=np.float64)
             place = SeenPoints(origin, points, normals, hits.face[seen], starts)
-            factors[seen], gloss[seen], state[seen], blocked[seen] = self._reflection.light(caster, lamps, place)
+            factors[seen], gloss[seen], state[seen], blocked[seen] = self._reflection.light(
+                caster, lamps, place, optics
+            )
         return Arrived(factors, gloss, state, blocked)
 
     def on_hits(

@@ -168,6 +168,17 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
         ),
         "boundary_distance": Variable(_MAP, "px", "distance to the nearest mixed pixel"),
         "mixed": Variable(_MAP, "1", "pixel footprint crosses a silhouette or a sharp edge"),
+        "surface_radiance": Variable(_MAP, "1", "radiance of the surface point towards the camera"),
+        "diffuse_share": Variable(_MAP, "1", "share of the radiance: lamps, scattered by the surface"),
+        "specular_share": Variable(_MAP, "1", "share of the radiance: lamps, reflected by the boundary or by metal"),
+        "transmitted_share": Variable(_MAP, "1", "share of the radiance: lamps behind the sheet"),
+        "ambient_share": Variable(_MAP, "1", "share of the radiance: ambient light"),
+        "lit_fraction": Variable(
+            _MAP, "1", "irradiance by the lamps, relative to that without shadows; NaN where no lamp faces the surface"
+        ),
+        "shadow_distance": Variable(
+            _MAP, "px", "distance to the nearest pixel at which the lit fraction changes along a surface"
+        ),
         "camera_position_mm": Variable(("s", "t", "component"), "mm", "true position of the camera in the world"),
         "camera_rotation_rad": Variable(
             ("s", "t", "component"), "rad", "true rotation of the camera (rotation vector): pitch, yaw, roll"

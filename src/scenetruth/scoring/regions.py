@@ -33,7 +33,7 @@ REGIONS = ("all", "interior")
 
 _NUMBER = r"[0-9][0-9.e+-]*"
 _FURTHER = re.compile(
-    rf"nonoccluded|occluded|(slope|boundary)_{_NUMBER}_({_NUMBER}|inf)|contrast_(low|mid|high)|object_.+"
+    rf"nonoccluded|occluded|specular|shadow_boundary|(slope|boundary)_{_NUMBER}_({_NUMBER}|inf)|contrast_(low|mid|high)|object_.+"
 )
 
 
@@ -114,6 +114,8 @@ def further_regions(
     - ``slope_LOW_HIGH`` (degrees): classes LOW ≤ angle < HIGH of the angle between ``normal`` and the optical axis,
       over the visible pixels of the interior; ``contrast_low``, ``contrast_mid``, ``contrast_high`` (of the texture)
       and ``object_NAME`` (if there are several) over the same pixels.
+    - ``specular``: visible pixels of the interior whose radiance has a share of at least ``settings.specular_share`` of
+      specular light, and ``shadow_boundary``: those within ``settings.shadow_width_px`` of a border of a shadow.
     - ``boundary_LOW_HIGH`` (px): classes of the distance to the nearest mixed pixel, over all visible pixels.
 
     Without occlusion maps all pixels are treated as visible. ``contrast`` is a fraction of full scale, (t, y, x).
@@ -138,6 +140,11 @@ def further_regions(
     else:
         distance = edge_distance(truth["mixed"].values.astype(bool))
     regions |= _classes("boundary", distance, (*settings.boundary_classes_px, math.inf), visible)
+    if "specular_share" in truth:
+        # NaN on black surfaces.
+        regions["specular"] = inner & (np.nan_to_num(truth["specular_share"].values) >= settings.specular_share)
+    if "shadow_distance" in truth:
+        regions["shadow_boundary"] = inner & (truth["shadow_distance"].values <= settings.shadow_width_px)
     if contrast is not None:
         low, high = settings.contrast_classes
         regions |= {

@@ -1,6 +1,6 @@
 """Ground truth: exact maps at pixel centres, computed from the geometry in float64."""
 
-from scenetruth.truth.geometry_maps import Geometries, GeometryPass, TruthMaps, truth_by_rows, truth_maps
+from scenetruth.truth.geometry_maps import Geometries, GeometryPass, LightProvider, TruthMaps, truth_by_rows, truth_maps
 from scenetruth.truth.point_tracking import (
     PixelPoints,
     PointTracker,
@@ -18,15 +18,14 @@ from scenetruth.truth.truth_dataset import (
     count_tasks_at_once,
     fill_truth,
     interior_warnings,
-    make_truth,
     memory_for,
     refuse_arguments,
     truth_from_world,
 )
 
 __all__ = [
-    "Geometries", "GeometryPass", "PixelPoints", "PointTracker", "SurfacePoints", "TruthMaps", "TruthOptions",
-    "TruthPoses", "TruthTasks", "TruthViews", "blank_truth", "compile_visibility", "count_tasks_at_once", "fill_truth",
-    "find_visible_points", "interior_warnings", "make_truth", "memory_for", "refuse_arguments", "track_points",
-    "truth_by_rows", "truth_from_world", "truth_maps",
+    "Geometries", "GeometryPass", "LightProvider", "PixelPoints", "PointTracker", "SurfacePoints", "TruthMaps",
+    "TruthOptions", "TruthPoses", "TruthTasks", "TruthViews", "blank_truth", "compile_visibility",
+    "count_tasks_at_once", "fill_truth", "find_visible_points", "interior_warnings", "memory_for", "refuse_arguments",
+    "track_points", "truth_by_rows", "truth_from_world", "truth_maps",
 ]  # fmt: skip

@@ -2,31 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from threading import Lock
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
-from scenetruth.raycast import RayCaster, Topology, mixed_pixels
+from scenetruth.raycast import Hits, RayCaster, Topology, mixed_pixels
 from scenetruth.scene.built_scene import BuiltScene
 
-__all__ = ["Geometries", "GeometryPass", "TruthMaps", "truth_by_rows", "truth_maps"]
+__all__ = ["Geometries", "GeometryPass", "LightProvider", "TruthMaps", "truth_by_rows", "truth_maps"]
 
 
-TruthMaps = Literal["standard", "complete"]
+TruthMaps = Literal["standard", "complete", "complete_with_light"]
+
+
+class _LightAtHits(Protocol):
+    def on_hits(
+        self, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], hits: Hits
+    ) -> Mapping[str, NDArray[np.float64]]:
+        """Return maps of light at the hits of rays in the world, by name, shape (n,) each."""
+        ...
+
+
+LightProvider = Callable[[RayCaster, float], _LightAtHits]
+"""Returns the light on the surfaces at a time in frames; the ground truth itself has no model of light."""
 
 
 class GeometryPass:
-    """Geometry of a scene at time t in frames, for maps of any camera."""
+    """Geometry of a scene at time t in frames, for maps of any camera.
 
-    def __init__(self, world: BuiltScene, topology: Topology, t: float) -> None:
+    ``provider``: Light of the scene, for maps of light.
+    """
+
+    def __init__(self, world: BuiltScene, topology: Topology, t: float, provider: LightProvider | None = None) -> None:
         self.world = world
         self.snapshot = world.at(t)
         self.caster = RayCaster(self.snapshot.vertices_mm, topology)
+        self._provider = provider
+
+    @cached_property
+    def light(self) -> _LightAtHits:
+        """Light on the surfaces."""
+        assert self._provider is not None, "maps of light require the light of the scene"
+        return self._provider(self.caster, self.snapshot.t)
 
     @cached_property
     def surface_tensors(self) -> NDArray[np.float64]:
@@ -37,8 +59,8 @@ class GeometryPass:
 class Geometries:
     """Geometry of a scene at any time, with a cache of the most recent ``kept`` times, for several threads."""
 
-    def __init__(self, world: BuiltScene, topology: Topology, kept: int) -> None:
-        self.world, self.topology = world, topology
+    def __init__(self, world: BuiltScene, topology: Topology, kept: int, provider: LightProvider | None = None) -> None:
+        self.world, self.topology, self._provider = world, topology, provider
         self._kept = kept
         self._passes: dict[float, GeometryPass] = {}
         self._lock = Lock()
@@ -46,7 +68,7 @@ class Geometries:
     def at(self, t: float) -> GeometryPass:
         """Return the geometry at a time in frames."""
         with self._lock:
-            found = self._passes.pop(t, None) or GeometryPass(self.world, self.topology, t)
+            found = self._passes.pop(t, None) or GeometryPass(self.world, self.topology, t, self._provider)
             # Most recently used entry last.
             self._passes[t] = found
             while len(self._passes) > self._kept:
@@ -68,7 +90,8 @@ def truth_maps(
       the paper's (u_x + x u_z, u_y + y u_z); with lens distortion, times its Jacobian.
 
     From the smooth surface, interpolated between exact values at the vertices: curvature, rotation rate and growth
-    rates; principal values are ordered from the larger to the smaller.
+    rates; principal values are ordered from the larger to the smaller. From the light of the scene: radiance, its
+    shares, and the fraction of light that arrives.
     """
     from scenetruth.truth.map_kernels import MovingMesh, fill_maps, fill_surface_maps
 
@@ -103,7 +126,7 @@ def truth_maps(
         world.surface_corners,
         geometry.surface_tensors,
         viewpoint.rotation.T,
-        maps == "complete",
+        maps != "standard",
     )
     found: dict[str, NDArray[Any]] = {
         "depth": hits.depth,
@@ -116,7 +139,7 @@ def truth_maps(
         "barycentric": barycentric,
         "growth_rate": growth,
     }
-    if maps == "complete":
+    if maps != "standard":
         accelerations = viewpoint.directions_to_camera(geometry.snapshot.accelerations)
         # Faces parallel to the optical axis have slopes that are infinite or undefined.
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -131,12 +154,41 @@ def truth_maps(
             "uv": hits.interpolate_corners(world.image_uv).T,
             "material_coordinates_mm": hits.interpolate_corners(world.chart_mm).T,
         }
+    if maps == "complete_with_light":
+        found |= geometry.light.on_hits(viewpoint.position_mm, in_world, hits)
     found = {name: values.reshape(*values.shape[:-1], *shape) for name, values in found.items()}
-    return found | {"mixed": mixed, "boundary_distance": boundary_distance(mixed)}
+    return _with_distances(found | {"mixed": mixed})
+
+
+def _with_distances(maps: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return the maps of one image with the distances to silhouettes and, if there are maps of light, to shadows."""
+    found = maps | {"boundary_distance": boundary_distance(maps["mixed"])}
+    if "lit_fraction" in maps:
+        borders = shadow_borders(maps["lit_fraction"], maps["object_id"], maps["mixed"])
+        found["shadow_distance"] = boundary_distance(borders)
+    return found
+
+
+_SHADOW_STEP = 0.01  # change of the lit fraction between neighbouring pixels in penumbrae of 100 px
+
+
+def shadow_borders(
+    lit_fraction: NDArray[np.float64], object_id: NDArray[np.int32], mixed: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return the pixels between which and a neighbour on the same surface the lit fraction changes by 0.01 or more."""
+    found = np.zeros(mixed.shape, dtype=np.bool_)
+    for axis in (0, 1):
+        first, second = ((slice(None),) * axis + (part,) for part in (slice(None, -1), slice(1, None)))
+        # Comparisons with NaN are false.
+        changed = np.abs(lit_fraction[first] - lit_fraction[second]) >= _SHADOW_STEP
+        changed &= (object_id[first] == object_id[second]) & ~mixed[first] & ~mixed[second]
+        found[first] |= changed
+        found[second] |= changed
+    return found
 
 
 def boundary_distance(mixed: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the distance in px to the nearest mixed pixel, shape (height, width), infinite if there is none."""
+    """Return the distance in px to the nearest marked pixel, shape (height, width), infinite if there is none."""
     if not mixed.any():
         return np.full(mixed.shape, np.inf)
     from scenetruth.truth.map_kernels import distances
@@ -153,16 +205,17 @@ def truth_by_rows(
     viewpoints: Sequence[Viewpoint],
     baseline_mm: float,
     maps: TruthMaps = "complete",
+    provider: LightProvider | None = None,
 ) -> dict[str, NDArray[Any]]:
     """Compute the ground truth of every row at its own time (frames) and viewpoint."""
     found: dict[str, NDArray[Any]] = {}
     for row, (time, viewpoint) in enumerate(zip(times.tolist(), viewpoints, strict=True)):
         # Include one row above and one below, because exact hits at the border need neighbouring rays.
-        geometry = GeometryPass(world, topology, time)
+        geometry = GeometryPass(world, topology, time, provider)
         part = truth_maps(geometry, camera.rows(row - 1, row + 2), viewpoint, baseline_mm, maps)
         for name, values in part.items():
             if name not in found:
                 found[name] = np.empty((*values.shape[:-2], camera.height, camera.width), dtype=values.dtype)
             found[name][..., row, :] = values[..., 1, :]
     # The nearest mixed pixel may be in another row.
-    return found | {"boundary_distance": boundary_distance(found["mixed"])}
+    return _with_distances(found)

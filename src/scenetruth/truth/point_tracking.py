@@ -113,7 +113,7 @@ class PointTracker:
         maps: TruthMaps = "complete",
     ) -> None:
         self._geometries, self._camera, self._places = geometries, camera, places
-        self._complete = maps == "complete"
+        self._complete = maps != "standard"
         self._size = (camera.height, camera.width)
 
     def shown(self, points: PixelPoints, index: int, frame: int) -> NDArray[np.bool_]:

@@ -21,17 +21,14 @@ from scenetruth.errors import ArgumentError, Problem
 from scenetruth.memory import retained_memory
 from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
-from scenetruth.provenance import build_schedule, intrinsics_from, provenance_attributes
+from scenetruth.provenance import build_schedule, intrinsics_from
 from scenetruth.raycast import Topology
-from scenetruth.resources import Limits, refuse_beyond_limits
-from scenetruth.scene import Overrides, SceneLike, load_scene
-from scenetruth.scene.built_scene import BuiltScene, build_scene
+from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.mesh.mesh_file import FileMesh
 from scenetruth.scene.scene_models import Scene
-from scenetruth.scene.scene_report import check_scene
 from scenetruth.schema import COMPONENTS, VARIABLES, IncrementalDataset, Put, blank_map, label
 from scenetruth.threads import in_order
-from scenetruth.truth.geometry_maps import Geometries, TruthMaps, truth_by_rows, truth_maps
+from scenetruth.truth.geometry_maps import Geometries, LightProvider, TruthMaps, truth_by_rows, truth_maps
 from scenetruth.truth.point_tracking import PixelPoints, PointTracker
 
 __all__ = [
@@ -43,7 +40,6 @@ __all__ = [
     "count_tasks_at_once",
     "fill_truth",
     "interior_warnings",
-    "make_truth",
     "memory_for",
     "refuse_arguments",
     "truth_from_world",
@@ -76,6 +72,17 @@ FURTHER = (
     "material_coordinates_mm",
 )
 """Additional single-image maps of complete ground truth."""
+
+LIGHT = (
+    "surface_radiance",
+    "diffuse_share",
+    "specular_share",
+    "transmitted_share",
+    "ambient_share",
+    "lit_fraction",
+    "shadow_distance",
+)
+"""Maps of light."""
 
 FOLLOWED = ("view_count", "occluded_across_cameras", "occluded_in_time")
 """Maps of standard ground truth that depend on other images."""
@@ -134,75 +141,6 @@ PlacedMap = tuple[str, dict[str, int], NDArray[Any]]
 _CACHED_TIMES, _CACHED_SCAN_TIMES = 4, 8  # the current frame and its neighbours; for scans, times per camera
 
 
-def make_truth(
-    scene: SceneLike,
-    *,
-    overrides: Overrides = (),
-    truth_views: TruthViews = "reference",
-    truth_poses: TruthPoses = "actual",
-    truth_content: TruthMaps = "standard",
-    limits: Limits | None = None,
-    progress: Progress | None = None,
-) -> xr.Dataset:
-    """Compute the exact ground truth of a scene without rendering images.
-
-    Parameters
-    ----------
-    scene
-        A scene, its values, its file, or the name of a bundled scene.
-    overrides
-        Overrides of scene fields, as in `load_scene`.
-    truth_views
-        ``"reference"``: ground truth of the reference camera (s = 0) at every frame; ``"all"``: of every camera.
-    truth_poses
-        ``"actual"``: ground truth at the actual time and pose of each image, including stage errors; ``"nominal"``: at
-          the planned time and pose.
-    truth_content
-        ``"standard"``: the maps that estimates are scored against; ``"complete"``: all maps, at more than twice the
-          size: also acceleration, displacement and finite flow to t ± 1, slopes, curvatures, rotation rate, principal
-          growth rates and material coordinates.
-    limits
-        Resource limits of the scene (`scenetruth.Limits`).
-    progress
-        Callback with the arguments (task, done, total).
-
-    Returns
-    -------
-    xarray.Dataset
-        Maps (t, y, x) or (s, t, y, x) in float64, at pixel centres; see ``docs/reference/data_model.md``. NaN where
-        no surface is visible.
-
-    Raises
-    ------
-    ArgumentError
-        If arguments are invalid; lists every problem.
-    SceneError
-        If the scene is invalid, exceeds a limit, or no object is visible.
-
-    See Also
-    --------
-    simulate : Simulate images and ground truth.
-
-    Examples
-    --------
-    >>> import scenetruth as st
-    >>> wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}}
-    >>> wall |= {"pose": {"position_mm": [0, 0, 100]}}
-    >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [wall]}
-    >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "frames": {"count": 1}}
-    >>> truth = st.make_truth(st.Scene.from_dict(plain))
-    >>> float(truth.depth[0, 15, 20]), float(truth.disparity[0, 15, 20])
-    (100.0, 3.0)
-    """
-    refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
-    scene = load_scene(scene, overrides=overrides)
-    refuse_beyond_limits(scene, limits)
-    world = build_scene(scene)
-    check_scene(scene, world)
-    choice = TruthOptions(truth_views, truth_poses, truth_content)
-    return truth_from_world(scene, world, choice, provenance_attributes(scene), progress)
-
-
 def refuse_arguments(scene: Any, truth_views: Any, truth_poses: Any, truth_content: Any, progress: Any) -> None:
     """Raise an ArgumentError for invalid arguments of `make_truth` and related functions."""
     problems = argument_problems(
@@ -219,11 +157,19 @@ def refuse_arguments(scene: Any, truth_views: Any, truth_poses: Any, truth_conte
 
 
 def truth_from_world(
-    scene: Scene, world: BuiltScene, choice: TruthOptions, provenance: dict[str, Any], progress: Progress | None = None
+    scene: Scene,
+    world: BuiltScene,
+    choice: TruthOptions,
+    provenance: dict[str, Any],
+    progress: Progress | None = None,
+    light: LightProvider | None = None,
 ) -> xr.Dataset:
-    """Compute the ground truth of a built and validated scene, see `make_truth`."""
+    """Compute the ground truth of a built and validated scene, see `make_truth`.
+
+    ``light``: Light of the scene, for maps of light.
+    """
     filling = IncrementalDataset(blank_truth(scene, choice, provenance))
-    fill_truth(scene, world, choice, filling.put, progress)
+    fill_truth(scene, world, choice, filling.put, progress, light)
     return filling.dataset()
 
 
@@ -242,8 +188,10 @@ def blank_truth(scene: Scene, choice: TruthOptions, provenance: dict[str, Any]) 
     images = (*((stage.rows,) if stage.rows > 1 else ()), stage.positions, frames.count)
     size, all_views = (camera.height, camera.width), choice.views == "all"
     names = list(STANDARD + FOLLOWED)
-    if choice.content == "complete":
+    if choice.content != "standard":
         names += [*FURTHER, *(MOVED if scene.shutter.readout_time_s == 0 else ())]
+    if choice.content == "complete_with_light":
+        names += LIGHT
     arrays: dict[str, NDArray[Any]] = {"visible": blank_map(np.bool_, (*images, *size))}
     for name in names:
         lead = [len(COMPONENTS[dim]) for dim in VARIABLES["truth"][name].dims if dim in COMPONENTS]
@@ -269,8 +217,10 @@ class TruthTasks:
     ``warnings``: Those about the reference image, once the first task is done.
     """
 
-    def __init__(self, scene: Scene, world: BuiltScene, choice: TruthOptions) -> None:
-        self._scene, self._world, self._choice = scene, world, choice
+    def __init__(
+        self, scene: Scene, world: BuiltScene, choice: TruthOptions, light: LightProvider | None = None
+    ) -> None:
+        self._scene, self._world, self._choice, self._light = scene, world, choice, light
         stage, frames, schedule = scene.stage, scene.frames, build_schedule(scene)
         moment_of = schedule.moment if choice.poses == "actual" else schedule.nominal
         self._cameras = [(s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist()]
@@ -278,7 +228,8 @@ class TruthTasks:
         places = [[(moment.t, moment.viewpoint) for moment in row] for row in self._moments]
         self._topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
         together = len({time for time, _ in (row[0] for row in places)}) == 1
-        self._geometries = Geometries(world, self._topology, _CACHED_TIMES if together else _CACHED_SCAN_TIMES)
+        kept = _CACHED_TIMES if together else _CACHED_SCAN_TIMES
+        self._geometries = Geometries(world, self._topology, kept, light)
         self._rolling = scene.shutter.readout_time_s > 0
         # With a rolling shutter, the next row and therefore the next time of a point do not follow from its
         # displacement.
@@ -327,7 +278,7 @@ class TruthTasks:
         moment = self._moments[index][frame]
         geometry = self._geometries.at(moment.t)
         if self._rolling:
-            maps = _truth_by_rows(scene, world, self._topology, moment, content)
+            maps = _truth_by_rows(scene, world, self._topology, moment, content, self._light)
         else:
             maps = truth_maps(geometry, scene.camera, moment.viewpoint, scene.stage.baseline_mm, content)
         own = PixelPoints(maps, geometry, moment.viewpoint)
@@ -364,10 +315,15 @@ class TruthTasks:
 
 
 def fill_truth(
-    scene: Scene, world: BuiltScene, choice: TruthOptions, put: Put, progress: Progress | None = None
+    scene: Scene,
+    world: BuiltScene,
+    choice: TruthOptions,
+    put: Put,
+    progress: Progress | None = None,
+    light: LightProvider | None = None,
 ) -> list[str]:
     """Compute the maps of a ground truth, image by image."""
-    work = TruthTasks(scene, world, choice)
+    work = TruthTasks(scene, world, choice, light)
     size = (scene.camera.width * scene.camera.height, len(world.faces))
     at_once = count_tasks_at_once(*size)
     # Maps of large images are stored before the next are computed, to limit memory.
@@ -399,7 +355,12 @@ def _at(stage: Stage, index: int, frame: int) -> dict[str, int]:
 
 
 def _truth_by_rows(
-    scene: Scene, world: BuiltScene, topology: Topology, moment: ImageAcquisition, content: TruthMaps
+    scene: Scene,
+    world: BuiltScene,
+    topology: Topology,
+    moment: ImageAcquisition,
+    content: TruthMaps,
+    light: LightProvider | None,
 ) -> dict[str, NDArray[Any]]:
     """Return the ground truth of a rolling-shutter image, each row at its own mid-exposure."""
     camera, shutter = scene.camera, scene.shutter
@@ -407,7 +368,7 @@ def _truth_by_rows(
     travel_mm = shutter.stage_speed_mm_per_s * later_s
     places = [moment.viewpoint.moved((along, 0.0, 0.0)) for along in travel_mm.tolist()]
     times = moment.t + later_s / scene.frames.frame_interval_s
-    return truth_by_rows(world, topology, camera, times, places, scene.stage.baseline_mm, content)
+    return truth_by_rows(world, topology, camera, times, places, scene.stage.baseline_mm, content, light)
 
 
 def _poses(scene: Scene, schedule: Schedule) -> dict[str, NDArray[np.float64]]:

@@ -194,3 +194,28 @@ def test_calibrations_are_typical_unless_given() -> None:
         focal_length_percent=0, principal_point_px=2, baseline_percent=0
     )
     assert not any(resolve_calibration("perfect").model_dump().values())
+
+
+@nightly
+def test_gloss_is_the_difference_from_a_matt_surface_under_the_same_lamps() -> None:
+    lamp = {"kind": "point", "position_mm": [0, 0, 620], "irradiance": 0.6, "reference_distance_mm": 100}
+    changes = {
+        "camera": {"width": 56, "height": 48, "focal_length_px": 720},
+        "frames.count": 1,
+        "stage.positions": 3,
+        "objects.0.pose": {"position_mm": [0, 0, 720]},
+        "lighting": {"lights": [lamp]},
+        "score.interior_margin_px": 0,
+    }
+    glossy = {"objects.0.material": {"refractive_index": 1.5, "roughness": 0.1}}
+    scene = laboratory(changes | glossy, everything=False)
+    found = budget(scene, method="structure_tensor", calibration="perfect", seeds=1, simulated_share=0.0)
+    part = found.contribution("specular", "disparity")
+    assert part.size == "roughness 0.1"
+    shown = [
+        st.estimate(st.simulate(each)[0], "structure_tensor")["disparity"].sel(t=0).values
+        for each in (scene, laboratory(changes, everything=False))
+    ]
+    change = shown[0] - shown[1]
+    assert part.simulated == pytest.approx(np.sqrt(np.nanmean(change**2)), rel=1e-3)
+    assert part.simulated > 10 * found.contribution("shading", "disparity").simulated

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import xarray as xr
@@ -129,6 +129,8 @@ class Case:
     """Whether the Cramér-Rao bound is computed."""
     one_scene: ClassVar[bool] = False
     """Whether all levels share one scene and are distinguished by `region_at`."""
+    truth_content: ClassVar[Literal["standard", "complete_with_light"]] = "standard"
+    """Maps of the truth of `region_at`."""
     headline: ClassVar[tuple[str, str]] = ("disparity", "rmse")
     """Quantity and statistic of the case in a summary."""
 
@@ -198,7 +200,7 @@ def mask_interior(truth: xr.Dataset, margin_px: float) -> Mask:
 @cache
 def all_cases() -> Mapping[str, Case]:
     """Return all cases by key, in the order of packages and modules."""
-    modules = (f"scenetruth.benchmark.cases.{name}" for name in ("imaging", "surfaces", "scenes"))
+    modules = (f"scenetruth.benchmark.cases.{name}" for name in ("imaging", "surfaces", "light", "scenes"))
     return {cls.kind: cls() for cls in classes_in(Case, *modules) if hasattr(cls, "kind")}
 
 

@@ -45,8 +45,8 @@ from scenetruth.schema import digest
 from scenetruth.scoring import Score, score
 from scenetruth.scoring.scorer import score_settings as read_settings
 from scenetruth.settings import ScoreSettings
+from scenetruth.simulation import make_truth
 from scenetruth.storage import RECORDING, TRUTH, is_store, open_store, save_store, store_name
-from scenetruth.truth import make_truth
 
 __all__ = ["TwinRun", "run_twin"]
 

@@ -37,8 +37,8 @@ from scenetruth.progress import Progress
 from scenetruth.scene import Scene, load_scene
 from scenetruth.scene.mesh.mesh_file import load_mesh_file
 from scenetruth.schema import STATUS_VALID
+from scenetruth.simulation import make_truth
 from scenetruth.storage import RECORDING, is_store, open_store, store_name
-from scenetruth.truth import make_truth
 
 __all__ = [
     "SCENE_FILE",

@@ -176,7 +176,7 @@ def _read_values(scene: Scene, *, measured: bool) -> dict[str, Any]:
 
 def _depths(scene: Scene) -> tuple[float, float, float]:
     """Return the minimum, median and maximum depth seen by the reference camera, on a coarse grid."""
-    from scenetruth.truth import make_truth
+    from scenetruth.simulation import make_truth
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SceneWarning)  # warnings on a coarse grid do not apply to the scene

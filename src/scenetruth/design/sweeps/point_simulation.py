@@ -32,8 +32,7 @@ from scenetruth.scoring.error_pairs import EstimateTruthPair, EstimateTruthPairs
 from scenetruth.scoring.growth_rate import compute_growth_pairs, has_growth_rate
 from scenetruth.scoring.regions import further_regions, main_regions, visible_throughout
 from scenetruth.settings import ScoreSettings
-from scenetruth.simulation import simulate
-from scenetruth.truth import make_truth
+from scenetruth.simulation import make_truth, simulate
 
 __all__ = [
     "BOUND",

@@ -39,7 +39,6 @@ from scenetruth.design.uncertainty.source import (
     contrast_sources,
     resolve_calibration,
 )
-from scenetruth.design.uncertainty.sources.imaging import SensorSource
 from scenetruth.design.uncertainty.uncertainty_budget import Budget
 from scenetruth.errors import ArgumentError, EstimateError, Problem, SceneError
 from scenetruth.estimators.method_specs import MethodLike, offered_methods, read_method
@@ -256,8 +255,8 @@ class _Work:
         return replace(gathered, sets=sets, drawn=drawn, everything=self.everything, explained=shares)
 
     def _beside(self, kind: str) -> tuple[str, ...]:
-        """Return the sources switched on for a source: for sensor sources, those that change the contrast stay on."""
-        beside = self.contrast if isinstance(all_sources()[kind], SensorSource) else ()
+        """Return the sources switched on for a source: for some, those that change the contrast stay on."""
+        beside = self.contrast if all_sources()[kind].on_contrast else ()
         return tuple(sorted({kind, *beside}))
 
     def _simulate(self, sets: Sequence[tuple[str, ...]]) -> None:

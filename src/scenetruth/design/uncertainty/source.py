@@ -131,6 +131,8 @@ class UncertaintySource:
     """Scene fields of the source, by path, and their values where it is switched off."""
     takes_contrast: ClassVar[bool] = False
     """Whether it changes the contrast of images, and therefore stays on while sensor sources are evaluated."""
+    on_contrast: ClassVar[bool] = False
+    """Whether it is evaluated while the sources that change the contrast are on, such as gloss, which requires lamps."""
     coarse: ClassVar[bool] = False
     """Whether it is always simulated, because its prediction is incomplete."""
     of_surface: ClassVar[bool] = False

@@ -165,12 +165,15 @@ def _by_region(score: Score, shown: list[str]) -> dict[str, Any]:
 
 def _settings(score: Score) -> dict[str, str]:
     """Return the settings of the score as text, by default the default settings."""
-    entries = score.metadata.get("score_settings") or ScoreSettings().model_dump()
+    defaults = ScoreSettings()
+    entries = score.metadata.get("score_settings") or defaults.model_dump()
     contrast = [format_percent_value(bound) for bound in entries["contrast_classes"]]
     return {
         "contrast_low": contrast[0],
         "contrast_high": contrast[1],
         "contrast_window": f"{entries['contrast_window_px']:g}",
+        "specular_share": format_percent_value(entries.get("specular_share", defaults.specular_share)),
+        "shadow_width": f"{entries.get('shadow_width_px', defaults.shadow_width_px):g}",
         "growth_window": f"{entries['growth_window_px']:g}",
         "growth_coverage": format_percent_value(entries["growth_min_coverage"]),
         "growth_slope": f"{entries['growth_max_slope_deg']:g}",
@@ -417,6 +420,8 @@ def _spell_length(region: str) -> str:
     fixed = {
         "nonoccluded": "where the point is visible in all images",
         "occluded": "where the point is occluded in an image",
+        "specular": "in highlights",
+        "shadow_boundary": "at borders of shadows",
         "contrast_low": "where the contrast is low",
         "contrast_mid": "where the contrast is medium",
         "contrast_high": "where the contrast is high",

@@ -23,6 +23,7 @@ class SensorSource(UncertaintySource):
     """A source in the sensor: effects of its chain, or parameters of effects."""
 
     group = "images"
+    on_contrast = True
     effects: ClassVar[tuple[str, ...]] = ()
     """Effects that are removed where the source is switched off."""
     settings: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
@@ -340,6 +341,40 @@ class ShadingSource(UncertaintySource):
             return Mitigation("uniform light from all sides (lighting: {ambient: 1})", {self.kind: 0.1})
         words = "a method that models changes of illumination (estimate: {method: refined})"
         return Mitigation(words, {self.kind: 0.05, "brightness": 0.05, "slope": 0.01})
+
+
+class SpecularSource(UncertaintySource):
+    """Gloss of materials, whose highlights slide over surfaces; switched off, these are matt. Without a model."""
+
+    kind = "specular"
+    title = "gloss"
+    group = "images"
+    on_contrast = True
+    coarse = True
+
+    def is_on(self, scene: Scene, calibration: Calibration) -> bool:
+        """Return whether a material has gloss; materials of mesh files may have it."""
+        return bool(self._glossy(scene)) or any(part.material.from_file for _, part in scene.parts)
+
+    def size(self, scene: Scene, calibration: Calibration) -> str:
+        """Return the smallest roughness of glossy materials."""
+        found = self._glossy(scene)
+        return f"roughness {min(found):g}" if found else "materials of files"
+
+    def switch_off(self, plain: dict[str, Any]) -> None:
+        """Make all materials matt; they transmit as before, unless they are those of a file."""
+        for owner in (*plain["objects"], *plain["plants"]):
+            if owner.get("material"):
+                owner["material"] |= {"refractive_index": 1.0, "metallic": 0.0, "from_file": False}
+
+    def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
+        """Return crossed polarisers."""
+        return Mitigation("crossed polarisers before lamps and camera", {self.kind: 0.1})
+
+    def _glossy(self, scene: Scene) -> list[float]:
+        """Return the roughness of the materials with gloss."""
+        materials = [part.material for _, part in scene.parts]
+        return [item.roughness for item in materials if item.refractive_index > 1 or item.metallic > 0]
 
 
 class VignettingSource(UncertaintySource):
