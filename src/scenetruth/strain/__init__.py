@@ -2,5 +2,9 @@
 
 from scenetruth.strain.computation import compute_strain
 from scenetruth.strain.gauge import MEASURES, StrainGauge, StrainSettings
+from scenetruth.strain.strain_score import StrainScore, score_strain
+from scenetruth.strain.true_strain import compute_true_strain
 
-__all__ = ["MEASURES", "StrainGauge", "StrainSettings", "compute_strain"]
+__all__ = [
+    "MEASURES", "StrainGauge", "StrainScore", "StrainSettings", "compute_strain", "compute_true_strain", "score_strain",
+]  # fmt: skip

@@ -90,7 +90,7 @@ def compute_strain(
         Maps at every ``step``-th pixel, (t, y, x): ``exx``, ``eyy``, ``exy`` (the tensor's shear, half of γ) in the
         tangent plane, x along the projection of the camera's X axis; principal strains ``e1`` ≥ ``e2``, and ``angle``
         of the first from x towards y, rad; each with ``_std`` where the dataset states standard deviations and their
-        correlation is known; ``valid`` and ``invalid_reason``; ``point`` and ``displacement``. Attributes state the
+        correlation; ``valid`` and ``invalid_reason``; ``point`` and ``displacement``. Attributes state the
         settings and the gauge.
 
     Raises

@@ -140,10 +140,10 @@ def read_subset_px(dataset: xr.Dataset) -> float:
     if "mixed" in dataset:
         return 0.0
     settings = read_method_settings(dataset)
-    sigma = settings.get("window_sigma_px")
-    if _is_length(sigma):
-        return 2 * math.sqrt(math.pi) * float(sigma)
-    return next((float(settings[name]) for name in _SUBSETS if _is_length(settings.get(name))), math.nan)
+    sigma = _length(settings, "window_sigma_px")
+    if math.isfinite(sigma):
+        return 2 * math.sqrt(math.pi) * sigma
+    return next((size for name in _SUBSETS if math.isfinite(size := _length(settings, name))), math.nan)
 
 
 _SUBSETS = ("subset_px", "subset_size_px", "block_size_px", "window_px", "window_size_px")
@@ -151,8 +151,7 @@ _SUBSETS = ("subset_px", "subset_size_px", "block_size_px", "window_px", "window
 
 def read_correlation_px(dataset: xr.Dataset) -> float:
     """Return the standard deviation of the Gaussian window of an estimate, px; NaN if unknown."""
-    sigma = read_method_settings(dataset).get("window_sigma_px")
-    return float(sigma) if _is_length(sigma) else math.nan
+    return _length(read_method_settings(dataset), "window_sigma_px")
 
 
 def read_method_settings(dataset: xr.Dataset) -> dict[str, Any]:
@@ -164,5 +163,8 @@ def read_method_settings(dataset: xr.Dataset) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _is_length(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and value > 0
+def _length(settings: Mapping[str, Any], name: str) -> float:
+    """Return a positive length from settings; NaN if there is none."""
+    value = settings.get(name)
+    usable = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and value > 0
+    return float(value) if usable else math.nan

@@ -67,7 +67,7 @@ class SurfaceStrain:
         along = np.array([1.0, 0.0, 0.0])[:, None] - normal[0] * normal
         with np.errstate(invalid="ignore"):
             along = along / np.linalg.norm(along, axis=0)
-        return np.stack([along, np.cross(normal, along, axis=0)])
+        return np.asarray(np.stack([along, np.cross(normal, along, axis=0)]))
 
     @property
     def parameters(self) -> Values:
@@ -150,7 +150,7 @@ _UNITS = (np.array([[1.0, 0], [0, 0]]), np.array([[0, 0], [0, 1.0]]), np.array([
 
 def _composed(both: Values, axes: Values) -> Values:
     """Return the tensor (xx, yy, xy) with principal values and axes."""
-    return np.stack([sum(both[p] * axes[p, a] * axes[p, b] for p in range(2)) for a, b in _PAIRS])
+    return np.stack([both[0] * axes[0, a] * axes[0, b] + both[1] * axes[1, a] * axes[1, b] for a, b in _PAIRS])
 
 
 def principal_stds(strain: Values, covariance: Values) -> Values:
@@ -158,8 +158,9 @@ def principal_stds(strain: Values, covariance: Values) -> Values:
 
     ``strain``: Strain (xx, yy, xy), shape (3, n). ``covariance``: Its covariance, shape (3, 3, n).
 
-    Of equal principal strains, errors make two: their difference has an expectation, which is included. The standard
-    deviation of the angle is at most that of a random one.
+    Errors move principal strains apart: two equal values become different. The shift is included with three times its value of
+    second order, since it is computed from the noisy difference, and with at most that of equal principal strains. The
+    standard deviation of the angle is at most that of a random one.
     """
     principal = principal_strain(strain)
     axes = principal.axes()
@@ -174,6 +175,6 @@ def principal_stds(strain: Values, covariance: Values) -> Values:
     mixed = variance(row(axes[0], axes[1]))
     apart = principal.larger - principal.smaller
     with np.errstate(invalid="ignore", divide="ignore"):
-        push = np.minimum(np.sqrt(mixed), np.where(apart > 0, mixed / apart, np.inf))
+        push = np.minimum(np.sqrt(mixed), np.where(apart > 0, 3 * mixed / apart, np.inf))
         angle = np.minimum(np.where(apart > 0, np.sqrt(mixed) / apart, np.inf), _RANDOM_ANGLE)
     return np.stack([np.sqrt(first + push**2), np.sqrt(second + push**2), np.where(mixed == 0, 0.0, angle)])
