@@ -59,6 +59,7 @@ def test_homogeneous_deformation_of_a_tilted_plane(
     moved = np.einsum("ij,jyx->iyx", gradient, points) + np.array([3.0, -2.0, 20.0])[:, None, None]
     strain = st.compute_strain(
         estimate_of(points[2], moved),
+        displacement=moved,
         settings={"measure": measure, "window": 7, "step": 3, "weights": weights, "order": order},
     )
     expected = expected_strain(gradient, tangent_axes(points), measure)
@@ -82,7 +83,8 @@ def test_rigid_motion_of_a_curved_surface_is_no_strain(turn: tuple[float, ...], 
     points = plane_points(0.0) / 600.0 * depth
     rotation = np.asarray(Rotation.from_rotvec(turn).as_matrix())
     moved = np.einsum("ij,jyx->iyx", rotation - np.eye(3), points) + np.array([1.0, 2.0, 3.0])[:, None, None]
-    strain = st.compute_strain(estimate_of(depth, moved), settings={"measure": measure, "window": 5, "step": 2})
+    gauge = {"measure": measure, "window": 5, "step": 2}
+    strain = st.compute_strain(estimate_of(depth, moved), displacement=moved, settings=gauge)
     np.testing.assert_allclose(tensor(strain), 0, rtol=0, atol=1e-11)
 
 
@@ -90,8 +92,27 @@ def test_engineering_strain_contains_the_rotation() -> None:
     points, angle = plane_points(0.0), 0.1
     rotation = np.asarray(Rotation.from_rotvec([0, 0, angle]).as_matrix())
     moved = np.einsum("ij,jyx->iyx", rotation - np.eye(3), points)
-    strain = st.compute_strain(estimate_of(points[2], moved), settings={"measure": "engineering"})
+    strain = st.compute_strain(estimate_of(points[2], moved), displacement=moved, settings={"measure": "engineering"})
     np.testing.assert_allclose(tensor(strain)[0, 0], math.cos(angle) - 1, rtol=1e-9)
+
+
+@settings(max_examples=10)
+@given(tilt=some.floats(-60, 60), turn=some.tuples(angles, angles, angles), rates=some.tuples(parts, parts, parts))
+def test_steady_velocity_is_integrated_over_the_frame(
+    tilt: float, turn: tuple[float, ...], rates: tuple[float, ...]
+) -> None:
+    """Growth with the rates D in its plane is the Hencky strain D after one frame; rotation of any size is none."""
+    points = plane_points(tilt)
+    axes = tangent_axes(points)
+    growth = axes @ np.array([[rates[0], rates[2]], [rates[2], rates[1]]]) @ axes.T
+    velocity = np.einsum("ij,jyx->iyx", growth, points)
+    strain = st.compute_strain(estimate_of(points[2], velocity), settings={"measure": "hencky", "window": 5, "step": 3})
+    expected = np.array([[rates[0], rates[2]], [rates[2], rates[1]]])[:, :, None]
+    found = tensor(strain)
+    np.testing.assert_allclose(found, np.broadcast_to(expected, found.shape), rtol=0, atol=ANALYSIS)
+    turning = np.einsum("ij,jyx->iyx", np.cross(np.eye(3), turn), points)
+    still = st.compute_strain(estimate_of(points[2], turning), settings={"window": 5, "step": 3})
+    np.testing.assert_allclose(tensor(still), 0, rtol=0, atol=1e-11)
 
 
 def test_trace_of_the_rate_is_the_growth_rate_in_the_same_window() -> None:

@@ -68,6 +68,8 @@ def compute_strain(
     - ``rate``: (H + Hᵀ) / 2 of the velocity, per frame; its trace is `compute_growth_rate`
 
     All are exact where U is an affine function of P, on curved surfaces too. Windows contain points of one surface.
+    Without displacements, the velocity gradient L is taken as steady for one frame: F = exp(L), in which rotations are
+    no strain.
 
     Parameters
     ----------
@@ -115,7 +117,7 @@ def compute_strain(
     >>> maps = label("estimate", {"depth": 0 * x[np.newaxis] + 500.0, "velocity": velocity}, camera, t=[0])
     >>> strain = st.compute_strain(maps, settings={"window": 5, "step": 2, "subset_px": 15})
     >>> print(strain.exx.dims, f"{float(strain.exx.sel(t=0, y=21, x=31)):.6f}", strain.attrs["gauge_length_px"])
-    ('t', 'y', 'x') 0.010050 23.0
+    ('t', 'y', 'x') 0.010101 23.0
     """
     chosen = strain_settings(settings)
     motion = _Motion.of(dataset, chosen, displacement, displacement_std)
@@ -153,6 +155,9 @@ def compute_strain(
             if each in found:
                 found[each].attrs["units"] = chosen.units
     return found
+
+
+_STEADY = "velocity over one frame, with a steady velocity gradient"
 
 
 def grid_sizes(dataset: xr.Dataset) -> tuple[int, int]:
@@ -212,7 +217,7 @@ class _Motion:
             return cls(values, None if std is None else std**2, "given", is_given=True)
         if chosen.measure != "rate" and "displacement_next" in view:
             return cls(_array(view["displacement_next"]), None, "displacement_next", is_given=False)
-        source = "velocity" if chosen.measure == "rate" else "velocity over one frame"
+        source = "velocity" if chosen.measure == "rate" else _STEADY
         return cls(_array(view["velocity"]), _pixel_variances(view, "velocity"), source, is_given=False)
 
 
@@ -270,7 +275,7 @@ class _Frame:
     ) -> None:
         self._chosen, self._lattice = chosen, (..., lattice, lattice)
         depth = _array(maps["depth"])
-        self._moved = motion.values[:, number]
+        self._moved, self._steady = motion.values[:, number], motion.source == _STEADY
         full = maps.expand_dims("t")
         valid = find_valid_pixels(full, "depth" if motion.is_given else "velocity")[0]
         self._known = valid & np.isfinite(depth) & np.isfinite(self._moved).all(axis=0)
@@ -310,7 +315,7 @@ class _Frame:
             np.where(known, np.concatenate(fields), 0.0), self._segments, window, variances if stated else None
         )
         valid = fit.fitted
-        some = SurfaceStrain(fit.values[:, :3, valid], fit.values[:, 3:6, valid], self._chosen.measure)
+        some = SurfaceStrain(fit.values[:, :3, valid], fit.values[:, 3:6, valid], self._chosen.measure, self._steady)
         strain = some.values()
         principal = principal_strain(strain)
         columns = dict(zip(COMPONENTS_OF_STRAIN, strain, strict=True))

@@ -159,7 +159,7 @@ def score_strain(
     >>> estimate = label("estimate", {"depth": 500 * one, "velocity": 1.1 * stretch}, camera, t=[0])
     >>> found = score_strain(estimate, truth, settings={"window": 5, "step": 2, "measure": "engineering"})
     >>> found.value("exx_windowed", "bias")
-    QuantityValue(0.0001 1, bias, interior, n=756)
+    QuantityValue(0.0001001 1, bias, interior, n=756)
     """
     chosen = strain_settings(settings)
     wrong = [

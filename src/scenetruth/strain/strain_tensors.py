@@ -53,11 +53,14 @@ class SurfaceStrain:
 
     ``points``: Derivatives of the points by two parameters, shape (2, 3, n).
     ``moved``: Derivatives of their displacements (or velocities), shape (2, 3, n).
+    ``steady``: Whether they are velocities whose gradient L is constant over the frame; then the deformation gradient
+      is exp(L), without strain for rotations, instead of 1 + L. The normal turns with the surface.
     """
 
     points: Values
     moved: Values
     measure: StrainMeasure
+    steady: bool = False
 
     @property
     def axes(self) -> Values:
@@ -79,7 +82,26 @@ class SurfaceStrain:
     @property
     def gradient(self) -> Values:
         """Derivatives of the displacements along the axes, shape (axis, 3, n)."""
-        return np.asarray(np.einsum("ian,icn->acn", self.parameters, self.moved))
+        found = np.asarray(np.einsum("ian,icn->acn", self.parameters, self.moved))
+        return self._integrated(found) if self.steady and self.measure != "rate" else found
+
+    def _integrated(self, rates: Values) -> Values:
+        """Return the derivatives of the displacements over one frame from those of a steady velocity."""
+        axes = self.axes
+        normal = np.cross(axes[0], axes[1], axis=0)
+        tilt = np.einsum("acn,cn->an", rates, normal)
+        whole = np.einsum("acn,adn->ncd", rates, axes) - np.einsum("an,acn,dn->ncd", tilt, axes, normal)
+        # Taylor series of the exponential of a sixteenth, squared four times.
+        small, term = whole / 2**_SQUARINGS, np.eye(3)
+        change = np.zeros_like(whole)
+        with np.errstate(over="ignore", invalid="ignore"):
+            for n in range(1, _TERMS + 1):
+                term = term @ small / n
+                change = change + term
+            for _ in range(_SQUARINGS):
+                # exp(2 A) - 1 from exp(A) - 1, without cancellation.
+                change = 2 * change + change @ change
+            return np.asarray(np.einsum("ncd,adn->acn", change, axes))
 
     def values(self) -> Values:
         """Return the strain (xx, yy, xy), with the shear of the tensor, shape (3, n)."""
@@ -121,7 +143,7 @@ class SurfaceStrain:
 
     def _hencky_slope(self) -> Values:
         """Return the derivatives of Hencky strain by Green-Lagrange strain, both (xx, yy, xy), shape (3, 3, n)."""
-        green = principal_strain(SurfaceStrain(self.points, self.moved, "green_lagrange").values())
+        green = principal_strain(SurfaceStrain(self.points, self.moved, "green_lagrange", self.steady).values())
         axes, squares = green.axes(), [1 + 2 * green.larger, 1 + 2 * green.smaller]
         with np.errstate(invalid="ignore", divide="ignore"):
             apart = 0.5 * (squares[0] - squares[1])
@@ -143,6 +165,7 @@ class SurfaceStrain:
         return np.stack(found, axis=1)
 
 
+_SQUARINGS, _TERMS = 4, 12
 _EQUAL = 1e-9
 _UNITS = (np.array([[1.0, 0], [0, 0]]), np.array([[0, 0], [0, 1.0]]), np.array([[0, 1.0], [1.0, 0]]))
 """Tensors of which only xx, yy or xy is 1."""
@@ -158,9 +181,9 @@ def principal_stds(strain: Values, covariance: Values) -> Values:
 
     ``strain``: Strain (xx, yy, xy), shape (3, n). ``covariance``: Its covariance, shape (3, 3, n).
 
-    Errors move principal strains apart: two equal values become different. The shift is included with three times its value of
-    second order, since it is computed from the noisy difference, and with at most that of equal principal strains. The
-    standard deviation of the angle is at most that of a random one.
+    Errors move principal strains apart: two equal values become different. The shift is included with three times its
+    value of second order, since it is computed from the noisy difference, and with at most that of equal principal
+    strains. The standard deviation of the angle is at most that of a random one.
     """
     principal = principal_strain(strain)
     axes = principal.axes()
