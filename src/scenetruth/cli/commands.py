@@ -506,7 +506,7 @@ def strain(
     allow_mismatch: options.AllowMismatch = False,
     as_json: options.Json = False,
 ) -> None:
-    """Compute the strain of an estimate with its gauge, score it, and fill the fields of a report."""
+    """Compute the strain of an estimate with its gauge, its score and the fields of a report."""
     from scenetruth.pipeline import run_strain
     from scenetruth.strain import StrainSettings, strain_settings
 

@@ -72,7 +72,7 @@ class Vtu(PointOptions):
 
 
 def _quadrilaterals(frame: SurfaceFrame, source: ExportSource) -> NDArray[np.int64]:
-    """Return the corners of the quadrilaterals, as indices of the known points, shape (n, 4)."""
+    """Return the corners of the quadrilaterals, as indices of the written points, shape (n, 4)."""
     number = np.cumsum(frame.known.ravel()).reshape(frame.known.shape) - 1
     depth = np.where(frame.known, frame.map("depth"), np.nan)
     step = float(frame.maps.attrs["step_px"])
@@ -112,7 +112,7 @@ class Hdf5(PointOptions):
     packages: ClassVar[tuple[str, ...]] = ("h5py",)
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Yield nothing: maps of any kind can be written."""
+        """Yield nothing: all maps can be written."""
         yield from ExportFormat.problems(self, source)
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:

@@ -33,7 +33,17 @@ _MAX_POINTS = 1001
 
 
 class StrainSettings(FrozenModel):
-    """Settings of a strain computation."""
+    """Settings of a strain computation.
+
+    See Also
+    --------
+    compute_strain, score_strain : Use them.
+
+    Examples
+    --------
+    >>> StrainSettings(measure="hencky", window=15, step=3).window
+    15
+    """
 
     measure: StrainMeasure = "green_lagrange"
     """``green_lagrange``, ``hencky``, ``engineering`` (valid for small rotations only) or ``rate`` (per frame)."""

@@ -67,6 +67,14 @@ class GoodPracticeReport(Result):
     See Also
     --------
     report_good_practice : Fill them from a recording and its results.
+
+    Examples
+    --------
+    >>> lens = ReportField("imaging", "Lens", NOT_STATED, "", "recording")
+    >>> report = GoodPracticeReport((lens, ReportField("imaging", "Image resolution", "640 x 480", "px", "recording")))
+    >>> print(report.summary())
+    1 of 2 fields are stated
+    Lens: not stated
     """
 
     fields: tuple[ReportField, ...]

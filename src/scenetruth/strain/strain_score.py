@@ -51,6 +51,15 @@ class StrainScore(Result):
     See Also
     --------
     score_strain : Compute it.
+
+    Examples
+    --------
+    >>> errors = {"exx": {"bias": 1e-4, "rmse": 2e-4, "count": 900}}
+    >>> found = StrainScore({"all": errors, "interior": errors}, "1", {"measure": "hencky", "gauge_length_px": 61.0})
+    >>> found
+    StrainScore(hencky: gauge 61 px; RMSE in the interior: exx 0.0002)
+    >>> found.value("exx", "bias")
+    QuantityValue(0.0001 1, bias, interior, n=900)
     """
 
     regions: Mapping[str, Mapping[str, Mapping[str, float | None]]]

@@ -60,6 +60,24 @@ def compute_true_strain(
         If the truth lacks maps, if a scene is missing, or if the times are invalid.
     SceneError
         If the scene is invalid.
+
+    See Also
+    --------
+    compute_strain : Strain from points and displacements in windows.
+
+    Examples
+    --------
+    A sheet whose area grows by 3 % per hour, with one frame per hour:
+
+    >>> import scenetruth as st
+    >>> item = {"mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}, "name": "sheet"}
+    >>> item |= {"pose": {"position_mm": [0, 0, 100]}, "deformation": [{"kind": "growth", "rate_per_hour": 0.03}]}
+    >>> plain = {"camera": {"width": 40, "height": 30, "focal_length_px": 60}, "objects": [item]}
+    >>> plain |= {"stage": {"positions": 3, "baseline_mm": 5}, "render": {"backend": "raycast"}}
+    >>> scene = st.Scene.from_dict(plain | {"frames": {"count": 3, "frame_interval_s": 3600}})
+    >>> strain = compute_true_strain(st.make_truth(scene), scene, settings={"measure": "hencky"})
+    >>> strain.exx.sel(t=0, y=15, x=20).round(9).item()
+    0.015
     """
     chosen = strain_settings(settings)
     needs = ("object_id", "face_id", "barycentric") if chosen.measure != "rate" else _RATES
