@@ -62,17 +62,18 @@ MAY_IMPORT = {
     "results": {"errors", "output", "plain_data"},
     "jobs": {*LEAVES, "output", "resources", "schema", "provenance"},
     "storage": {"errors", "schema", "output", "compilation"},
-    "exporters": {*LEAVES, "schema", "output", "storage"},
+    "exporters": {*LEAVES, "schema", "output", "storage", "strain"},
     "simulation": {
         *LEAVES,
         *("scene", "camera", "raycast", "render", "truth", "schema", "provenance", "resources", "output", "storage"),
     },
     "estimators": {*LEAVES, "schema"},
     "scoring": {*LEAVES, "results", "schema"},
+    "strain": {*LEAVES, "results", "schema", "scoring", "scene", "truth"},
     "pipeline": {
         *LEAVES,
         *("scene", "camera", "provenance", "resources", "schema", "estimators", "scoring", "output", "storage"),
-        *("exporters", "simulation", "truth"),
+        *("exporters", "simulation", "strain", "truth"),
     },
     "dataset": {
         *LEAVES,

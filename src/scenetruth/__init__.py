@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from scenetruth.scoring import Score, compute_growth_rate, detect_convention_mismatches, score, write_report
     from scenetruth.simulation import Simulation, make_truth, simulate
     from scenetruth.storage import load_store, open_store, save_store
+    from scenetruth.strain import GoodPracticeReport, StrainScore, compute_strain, report_good_practice, score_strain
     from scenetruth.truth import track_points
 
     __version__: str
@@ -63,15 +64,16 @@ keep_compiled_code()
 
 __all__ = [
     "ArgumentError", "BackendUnavailableError", "BenchmarkResult", "Budget", "CaptureError", "CaptureWarning",
-    "DesignResult", "DesignSpecError", "EstimateError", "EstimateWarning", "ExportError", "Limits", "MachineError",
-    "MismatchError", "OutputExistsError", "Prediction", "Problem", "Recipe", "RecipeError", "RecordingError",
-    "RenderError", "RunDirectory", "Scene", "SceneError", "SceneWarning", "ScenetruthError", "Score", "ScoreError",
-    "Simulation", "StoreError", "Sweep", "assess_pattern", "average_frames", "budget", "check_recipe", "compare",
-    "compute_growth_rate", "correct_images", "cramer_rao_bound", "detect_convention_mismatches", "estimate",
-    "estimate_dataset", "export", "export_formats", "generate_pattern", "load_recipe", "load_scene", "load_store",
-    "make_estimate", "make_recording", "make_truth", "open_dataset", "open_store", "optimise", "predict",
-    "preview_dataset", "read_images", "run_dataset", "run_scene", "save_store", "score", "simulate", "sweep",
-    "track_points", "undistort_images", "verify", "write_card", "write_report",
+    "DesignResult", "DesignSpecError", "EstimateError", "EstimateWarning", "ExportError", "GoodPracticeReport",
+    "Limits", "MachineError", "MismatchError", "OutputExistsError", "Prediction", "Problem", "Recipe", "RecipeError",
+    "RecordingError", "RenderError", "RunDirectory", "Scene", "SceneError", "SceneWarning", "ScenetruthError", "Score",
+    "ScoreError", "Simulation", "StoreError", "StrainScore", "Sweep", "assess_pattern", "average_frames", "budget",
+    "check_recipe", "compare", "compute_growth_rate", "compute_strain", "correct_images", "cramer_rao_bound",
+    "detect_convention_mismatches", "estimate", "estimate_dataset", "export", "export_formats", "generate_pattern",
+    "load_recipe", "load_scene", "load_store", "make_estimate", "make_recording", "make_truth", "open_dataset",
+    "open_store", "optimise", "predict", "preview_dataset", "read_images", "report_good_practice", "run_dataset",
+    "run_scene", "save_store", "score", "score_strain", "simulate", "sweep", "track_points", "undistort_images",
+    "verify", "write_card", "write_report",
 ]  # fmt: skip
 
 _import_name, _list_names = export_lazily(
@@ -106,6 +108,7 @@ _import_name, _list_names = export_lazily(
         "scoring": "Score compute_growth_rate detect_convention_mismatches score write_report",
         "simulation": "Simulation make_truth simulate",
         "storage": "load_store open_store save_store",
+        "strain": "GoodPracticeReport StrainScore compute_strain report_good_practice score_strain",
         "truth": "track_points",
     },
 )

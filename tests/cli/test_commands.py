@@ -227,3 +227,29 @@ def test_formats_are_listed() -> None:
     for name in st.export_formats():
         assert name in done.stdout
     assert "flow=finite" in done.stdout
+
+
+OWN = "structure_tensor"
+"""The method whose files have plain names, in a run without a scene."""
+
+
+def test_strain_of_an_estimate_has_its_gauge_and_its_report(run: Path) -> None:
+    recording = st.load_store(run / "recording.zarr")
+    still = np.zeros((3, 2, 12, 16))
+    estimate = st.make_estimate(depth=np.full((2, 12, 16), 80.0), velocity=still, recording=recording)
+    st.save_store(estimate, run / "estimate.zarr", overwrite=True)
+    out, gauge = run.parent / "strain", ("--window", "3", "--step", "2", "--subset-px", "5", "--method", OWN)
+    done = scenetruth("strain", run, "-o", out, *gauge, "--measure", "hencky")
+    assert done.returncode == 0, done.stderr
+    assert "virtual strain gauge 9 px, 14.4 mm" in done.stdout
+    assert names(out) == {"good_practice.csv", "good_practice.json", "strain.zarr"}
+    assert st.load_store(out / "strain.zarr").attrs["measure"] == "hencky"
+    again = scenetruth("strain", run, "-o", out, *gauge)
+    assert again.returncode == 2
+    assert "exists already" in again.stderr
+    again = scenetruth("strain", run, "-o", out, *gauge, "--overwrite", "--json")
+    assert json.loads(again.stdout)["score"] is None
+    wrong = scenetruth("strain", run, "-o", run.parent / "x", "--window", "4", "--order", "3")
+    assert wrong.returncode == 2
+    for problem in ("window: must be an odd number", "order: "):
+        assert problem in wrong.stderr

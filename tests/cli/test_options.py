@@ -22,6 +22,7 @@ ARGUMENTS = {
     "render": "scene overrides truth_views truth_poses truth_content save_radiance save_images limits output overwrite",
     "estimate": "run methods settings",
     "score": "run overrides allow_mismatch",
+    "strain": "run output method measure window step order weights subset_px overwrite allow_mismatch",
     "report": "run figures figure_formats allow_mismatch",
     "export": "path format output method row overwrite workers scheduler",
     "verify": "path regenerate seed",
@@ -135,7 +136,7 @@ def test_the_commands_are_those_of_the_reference() -> None:
     alone = {name for name in COMMANDS if " " not in name}
     assert alone == {
         *("run", "render", "estimate", "score", "report", "verify", "check", "list", "init", "schema", "precompile"),
-        *("doctor", "export", "compare"),
+        *("doctor", "export", "compare", "strain"),
     }
     groups = {group: {name.split()[1] for name in COMMANDS if name.startswith(f"{group} ")} for group in GROUPS}
     assert groups == GROUPS

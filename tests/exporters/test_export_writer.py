@@ -18,7 +18,10 @@ from scenetruth.exporters import load_formats
 from scenetruth.exporters.export_source import CameraPair, ExportSource
 from tests.helpers.exported_scene import Export, scene
 
-PACKAGES = {"kitti": "cv2", "spring": "h5py", "exr": "OpenEXR", "ply": "plyfile"}
+PACKAGES = {
+    **{"kitti": "cv2", "spring": "h5py", "exr": "OpenEXR", "ply": "plyfile"},
+    **{"hdf5": "h5py", "vtu": "meshio"},
+}
 WITHOUT_IMAGES = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}}
 
 

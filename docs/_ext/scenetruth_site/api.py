@@ -102,6 +102,10 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
         "scenetruth.results": ("QuantityValue",),
         "scenetruth": ("score", "Score", "compute_growth_rate", "write_report", "detect_convention_mismatches"),
     },
+    "strain": {
+        "scenetruth": ("compute_strain", "score_strain", "StrainScore", "report_good_practice", "GoodPracticeReport"),
+        "scenetruth.strain": ("StrainSettings", "compute_true_strain"),
+    },
     "comparison": {
         "scenetruth": ("compare", "BenchmarkResult", "cramer_rao_bound"),
         "scenetruth.bound": ("closed_form_bound", "ClosedFormBound", "texture_gradient"),

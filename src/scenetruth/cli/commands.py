@@ -458,8 +458,9 @@ def doctor(*, as_json: options.Json = False) -> None:
 
 
 def register_export(app: typer.Typer) -> None:
-    """Add the command to the command line."""
+    """Add the commands to the command line."""
     options.add_command(app, export)
+    options.add_command(app, strain)
 
 
 def export(
@@ -488,6 +489,44 @@ def export(
     for note in done.notes:
         print_note(note)
     print_wrote(output, f"{len(done.files)} files")
+
+
+def strain(
+    run: options.RunPath,
+    output: options.Output,
+    *,
+    method: options.StrainMethod = None,
+    measure: options.StrainMeasure = options.StrainChoice.green_lagrange,
+    window: options.StrainWindow = 11,
+    step: options.StrainStep = 4,
+    order: options.StrainOrder = 1,
+    weights: options.StrainWeights = options.StrainWeight.uniform,
+    subset_px: options.SubsetPx = None,
+    overwrite: options.Overwrite = False,
+    allow_mismatch: options.AllowMismatch = False,
+    as_json: options.Json = False,
+) -> None:
+    """Compute the strain of an estimate with its gauge, its score and the fields of a report."""
+    from scenetruth.pipeline import run_strain
+    from scenetruth.strain import StrainSettings, strain_settings
+
+    wanted = {"measure": measure.value, "window": window, "step": step, "order": order, "weights": weights.value}
+    settings: StrainSettings = strain_settings({**wanted, "subset_px": subset_px})
+    done = run_strain(run, output, method=method, settings=settings, overwrite=overwrite, allow_mismatch=allow_mismatch)
+    if as_json:
+        scored = None if done.score is None else done.score.to_dict()
+        typer.echo(json.dumps({"score": scored, "good_practice": done.practice.to_dict()}, indent=2))
+        return
+    attrs = done.strain.attrs
+    length = f"{attrs['gauge_length_px']:.4g} px" + (
+        f", {attrs['gauge_length_mm']:.3g} mm" if "gauge_length_mm" in attrs else ""
+    )
+    open_subset = "" if "subset_px" in attrs else " without the subset, which the estimate does not state (--subset-px)"
+    echo(f"{done.method or 'truth'}: virtual strain gauge {length}{open_subset}")
+    if done.score is not None:
+        echo(done.score.summary())
+    echo(done.practice.summary().splitlines()[0])
+    print_wrote(output)
 
 
 def _export_samples(dataset: Path, output: Path, format: str, **wanted: Any) -> None:

@@ -35,10 +35,11 @@ __all__ = [
     "MeshDistanceMm", "Method", "Methods", "OptionalOutput", "OptionalSceneFile", "OptionalSeeds", "Output",
     "Overrides", "Overwrite", "PartOf", "RecipeFile", "Regenerate", "Region", "Report", "ResultPath", "Retries", "Row",
     "RunPath", "SampleNumber", "Samples", "SaveImages", "SaveRadiance", "SceneFile", "SceneFiles", "SceneSeed",
-    "Scheduler", "SchemaFile", "SchemaKind", "SchemaOf", "Seed", "Seeds", "Settings", "TemplateFile", "TemplateType",
-    "Texture", "Threads", "TruthContent", "TruthContentChoice", "TruthPoses", "TruthPosesChoice", "TruthViews",
-    "TruthViewsChoice", "Type", "UnitMm", "Workers", "add_command", "flag", "helpers", "option", "parse_assignments",
-    "read_settings", "repeatable", "with_settings",
+    "Scheduler", "SchemaFile", "SchemaKind", "SchemaOf", "Seed", "Seeds", "Settings", "StrainChoice", "StrainMeasure",
+    "StrainMethod", "StrainOrder", "StrainStep", "StrainWeight", "StrainWeights", "StrainWindow", "SubsetPx",
+    "TemplateFile", "TemplateType", "Texture", "Threads", "TruthContent", "TruthContentChoice", "TruthPoses",
+    "TruthPosesChoice", "TruthViews", "TruthViewsChoice", "Type", "UnitMm", "Workers", "add_command", "flag", "helpers",
+    "option", "parse_assignments", "read_settings", "repeatable", "with_settings",
 ]  # fmt: skip
 
 
@@ -108,6 +109,22 @@ class ListKind(StrEnum):
     methods = "methods"
     formats = "formats"
     cases = "cases"
+
+
+class StrainChoice(StrEnum):
+    """Strain tensors."""
+
+    green_lagrange = "green_lagrange"
+    hencky = "hencky"
+    engineering = "engineering"
+    rate = "rate"
+
+
+class StrainWeight(StrEnum):
+    """Weights of strain windows."""
+
+    uniform = "uniform"
+    gaussian = "gaussian"
 
 
 class SchemaKind(StrEnum):
@@ -444,6 +461,34 @@ Flow = Annotated[
 ]
 
 Row = Annotated[int | None, option("--row", metavar="N", help="Row of a camera grid, by its index s_y.")]
+
+# Options of strain.
+StrainMethod = Annotated[
+    str | None,
+    option(
+        "--method",
+        metavar="NAME",
+        help="Method with an estimate; the first one, or without estimates the ground truth, if not given.",
+        autocompletion=method_names,
+    ),
+]
+
+StrainMeasure = Annotated[StrainChoice, typer.Option("--measure", help="Strain tensor; rate is per frame.")]
+
+StrainWindow = Annotated[
+    int, typer.Option("--window", metavar="N", help="Points along each side of the strain window, an odd number.")
+]
+
+StrainStep = Annotated[int, typer.Option("--step", metavar="N", help="Distance of the points, in pixels of the maps.")]
+
+StrainOrder = Annotated[int, typer.Option("--order", metavar="N", help="Order of the polynomial, 1 or 2.")]
+
+StrainWeights = Annotated[StrainWeight, typer.Option("--weights", help="Weights of the strain window.")]
+
+SubsetPx = Annotated[
+    float | None,
+    option("--subset-px", metavar="PX", help="Subset of the displacements, in px; from the estimate if not given."),
+]
 
 Regenerate = Annotated[
     int,

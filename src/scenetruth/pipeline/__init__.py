@@ -8,7 +8,7 @@ from scenetruth.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
     from scenetruth.pipeline.figure_worker import FigureWorker, open_figure_worker
-    from scenetruth.pipeline.finished_runs import VerificationResult, export_run, verify_run
+    from scenetruth.pipeline.finished_runs import StrainRun, VerificationResult, export_run, run_strain, verify_run
     from scenetruth.pipeline.precompilation import precompile
     from scenetruth.pipeline.preflight import (
         compute_method_workload,
@@ -21,16 +21,34 @@ if TYPE_CHECKING:
     from scenetruth.pipeline.scene_pipeline import STAGES, RunStage, run_pipeline, run_scene
 
 __all__ = [
-    "STAGES", "FigureWorker", "MethodPaths", "PipelineRunner", "RunDirectory", "RunResult", "RunStage",
-    "VerificationResult", "compute_method_workload", "compute_recording_workload", "export_run", "method_choices",
-    "open_figure_worker", "precompile", "run_pipeline", "run_problems", "run_scene", "verify_run", "write_estimate",
+    "STAGES",
+    "FigureWorker",
+    "MethodPaths",
+    "PipelineRunner",
+    "RunDirectory",
+    "RunResult",
+    "RunStage",
+    "StrainRun",
+    "VerificationResult",
+    "compute_method_workload",
+    "compute_recording_workload",
+    "export_run",
+    "method_choices",
+    "open_figure_worker",
+    "precompile",
+    "run_pipeline",
+    "run_problems",
+    "run_scene",
+    "run_strain",
+    "verify_run",
+    "write_estimate",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
     __name__,
     {
         "figure_worker": "FigureWorker open_figure_worker",
-        "finished_runs": "VerificationResult export_run verify_run",
+        "finished_runs": "StrainRun VerificationResult export_run run_strain verify_run",
         "precompilation": "precompile",
         "preflight": "compute_method_workload compute_recording_workload method_choices run_problems",
         "run_directory": "MethodPaths RunDirectory",

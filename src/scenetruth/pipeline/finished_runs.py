@@ -1,23 +1,27 @@
-"""Verification and export of the results in a run directory."""
+"""Verification and export of the results in a run directory, and strain of its estimates."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
 from scenetruth.errors import ExportError, MismatchError, Problem, ScenetruthError, StoreError
 from scenetruth.exporters import ExportResult, choose_format, export_data
+from scenetruth.output import check_output, claim_folder, write_atomically
 from scenetruth.pipeline.run_directory import RunDirectory
 from scenetruth.progress import Progress
 from scenetruth.scene import load_scene
 from scenetruth.schema import check_same_run
-from scenetruth.storage import is_store, open_store, verify_store
+from scenetruth.storage import is_store, load_store, open_store, save_store, verify_store
 
-__all__ = ["VerificationResult", "export_run", "verify_run"]
+if TYPE_CHECKING:
+    from scenetruth.strain import GoodPracticeReport, StrainScore, StrainSettings
+
+__all__ = ["StrainRun", "VerificationResult", "export_run", "run_strain", "verify_run"]
 
 
 @dataclass(frozen=True)
@@ -148,3 +152,66 @@ def _row_of_maps(recording: xr.Dataset, maps: xr.Dataset, row: int, what: str) -
     ):
         raise ExportError([Problem("row", f"must be 0: the {what} covers only this row", row)])
     return maps.sel(s_y=row) if "s_y" in maps.dims else maps
+
+
+@dataclass(frozen=True, eq=False)
+class StrainRun:
+    """Strain of a run: maps, statistics of their errors (None without a truth), and fields of good practice.
+
+    ``method``: The method of the estimate; empty for the truth.
+    """
+
+    strain: xr.Dataset
+    score: StrainScore | None
+    practice: GoodPracticeReport
+    method: str
+
+
+STRAIN_FILES = ("good_practice.json", "good_practice.csv", "strain_score.json", "strain_score.csv", "strain.zarr")
+"""Entries of a directory that `run_strain` writes."""
+
+
+def run_strain(
+    folder: str | Path,
+    output: str | Path,
+    *,
+    method: str | None = None,
+    settings: StrainSettings,
+    overwrite: bool = False,
+    allow_mismatch: bool = False,
+) -> StrainRun:
+    """Write the strain of an estimate of a run, its score and the fields of good practice into a directory.
+
+    Without ``method`` the first estimate is used, or the truth if there is no estimate.
+    """
+    from scenetruth.strain import compute_strain, report_good_practice, score_strain
+
+    claim = claim_folder(*STRAIN_FILES)
+    check_output(output, overwrite=overwrite, claim=claim)
+    run = RunDirectory(folder)
+    recording = open_store(run.recording, kind="recording")
+    if method is None and run.stores("estimate*"):
+        method = run.estimated()[0]
+    truth = load_store(run.truth, kind="truth") if run.truth.exists() else None
+    score = None
+    if method is None:
+        if truth is None:
+            raise StoreError(run.truth, "no such store, and the run has no estimate; run `scenetruth estimate`")
+        maps = truth
+    else:
+        maps = load_store(run.paths(method).estimate, kind="estimate")
+        if truth is not None:
+            scene = load_scene(run.scene) if run.scene.exists() else None
+            score = score_strain(maps, truth, scene, settings=settings, allow_mismatch=allow_mismatch)
+    strain = compute_strain(maps, settings=settings)
+    practice = report_good_practice(recording, maps if method is not None else None, strain)
+    with write_atomically(output, overwrite=overwrite, claim=claim) as partial:
+        partial.mkdir()
+        save_store(strain, partial / "strain.zarr")
+        practice.save(partial / "good_practice.json")
+        (partial / "good_practice.csv").write_text(practice.to_csv(), encoding="utf-8")
+        if score is not None:
+            score.save(partial / "strain_score.json")
+            table = score.to_dataframe().to_csv(index=False, lineterminator="\n")
+            (partial / "strain_score.csv").write_text(str(table), encoding="utf-8")
+    return StrainRun(strain, score, practice, method or "")

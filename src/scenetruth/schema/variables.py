@@ -109,6 +109,15 @@ def _std(dims: tuple[str, ...], units: str, what: str) -> Variable:
     return Variable(dims, units, f"standard deviation of {what} due to image noise")
 
 
+_STRAIN = {
+    "exx": Variable(_MAP, "1", "strain along the x axis of the tangent plane, the projection of the camera's X axis"),
+    "eyy": Variable(_MAP, "1", "strain along the y axis of the tangent plane"),
+    "exy": Variable(_MAP, "1", "shear strain of the tensor, half of the engineering shear"),
+    "e1": Variable(_MAP, "1", "larger principal strain"),
+    "e2": Variable(_MAP, "1", "smaller principal strain"),
+    "angle": Variable(_MAP, "rad", "angle of the larger principal strain from the x axis towards the y axis"),
+}
+
 _STATUS = {
     "flag_values": [STATUS_INVALID, STATUS_NORMAL, STATUS_VALID, STATUS_FALLBACK],
     "flag_meanings": "invalid normal_component_only valid fallback",
@@ -283,8 +292,27 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
         "registration_disparity": Variable(_MAP, "px/step", "integer disparity at which the images were registered"),
         "eigenvalues": Variable(("rank", *_MAP), "1", "eigenvalues l1 >= ... >= l5 of the structure tensor"),
     },
+    "strain": {
+        **_STRAIN,
+        **{
+            f"{name}_std{ending}": Variable(entry.dims, entry.units, f"standard deviation of {name}{text}")
+            for name, entry in _STRAIN.items()
+            for ending, text in (("", ""), ("_common", ", part due to the calibration"))
+        },
+        "point": Variable(("component", *_MAP), "mm", "surface point in the reference configuration"),
+        "displacement": Variable(("component", *_MAP), "mm", "displacement of the surface point, or its velocity"),
+        "valid": Variable(
+            _MAP, "1", "whether the strain is valid", {"flag_values": [0, 1], "flag_meanings": "invalid valid"}
+        ),
+        "invalid_reason": Variable(
+            _MAP,
+            "1",
+            "reason why the strain is not valid",
+            {"flag_values": [0, 1, 2], "flag_meanings": "none no_estimate window_coverage"},
+        ),
+    },
 }
-"""All variables of the three data sets. Ground truth for all cameras has ``s`` before ``t``. In a grid of cameras,
+"""All variables of the data sets. Ground truth for all cameras has ``s`` before ``t``. In a grid of cameras,
 ``s_y`` precedes ``s``. The exclusion mask and the noise share of a recording may lack dimensions along which they are
 constant.
 """
@@ -293,6 +321,7 @@ REQUIRED: Mapping[str, tuple[str, ...]] = {
     "recording": ("image",),
     "truth": ("depth", "velocity", "disparity", "flow", "mixed"),
     "estimate": (),
+    "strain": ("exx", "eyy", "exy", "valid"),
 }
 """Required variables of each data set."""
 

@@ -28,8 +28,8 @@ from scenetruth.storage.zarr_layout import AUXILIARY, chunk_shape, is_mapped, wi
 __all__ = ["STORE_KINDS", "StoreKind", "load_store", "open_store", "verify_store"]
 
 
-StoreKind = Literal["recording", "truth", "estimate"]
-STORE_KINDS: tuple[StoreKind, ...] = ("recording", "truth", "estimate")
+StoreKind = Literal["recording", "truth", "estimate", "strain"]
+STORE_KINDS: tuple[StoreKind, ...] = ("recording", "truth", "estimate", "strain")
 """Types of data sets that a store can hold."""
 
 

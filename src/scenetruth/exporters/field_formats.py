@@ -1,0 +1,165 @@
+"""Formats of whole fields: surfaces for ParaView (VTU), and all maps with their units in HDF5."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from scenetruth.errors import Problem
+from scenetruth.exporters.export_source import ExportSource
+from scenetruth.exporters.format_base import ExportFormat
+from scenetruth.exporters.image_files import image_name
+from scenetruth.exporters.surface_points import STRAINS, PointOptions, SurfaceFrame
+from scenetruth.schema import read_intrinsics
+
+if TYPE_CHECKING:
+    import h5py
+
+__all__ = ["Hdf5", "Vtu"]
+
+_FURTHER = {"depth_std": "mm", "growth_rate": "1/frame", "growth_rate_std": "1/frame"}
+_MAX_SLOPE_DEG = 80.0
+
+
+class Vtu(PointOptions):
+    """Surfaces as unstructured grids of VTK for ParaView, one file for every frame of the reference camera.
+
+    ``s+0_t+0.vtu``: quadrilaterals between every ``step``-th pixel with valid depth and motion; points in the world,
+    mm. Point data, with units in their names: ``displacement [mm]`` to the next frame, ``exx [1]``, ``eyy [1]``,
+    ``exy [1]``, ``e1 [1]``, ``e2 [1]``, ``angle [deg]``, their standard deviations where stated, ``pixel [px]``, and if
+    available ``depth_std [mm]``, ``growth_rate [1/frame]``. Strain is NaN where too few neighbours are valid. No
+    quadrilateral connects surfaces at a depth step of more than 80°, or two objects of a truth. Numbers are float64.
+    Lost: images, other cameras.
+    """
+
+    kind: Literal["vtu"] = "vtu"
+    """Name of the format."""
+    summary: ClassVar[str] = "surfaces with displacements and strains as .vtu (ParaView)"
+    packages: ClassVar[tuple[str, ...]] = ("meshio",)
+
+    def write(self, source: ExportSource, folder: Path) -> list[str]:
+        """Write one file for every frame."""
+        import meshio
+
+        count, gauge = 0, 0.0
+        for t, frame in self.frames(source):
+            data = {"displacement [mm]": frame.moved[:, frame.known].T}
+            data |= {f"{name} [1]": frame.strain(name)[frame.known] for name in STRAINS}
+            data["angle [deg]"] = np.degrees(frame.strain("angle")[frame.known])
+            stated = [f"{name}_std" for name in STRAINS if f"{name}_std" in frame.maps]
+            data |= {f"{name} [1]": frame.strain(name)[frame.known] for name in stated}
+            columns, rows = frame.pixels()
+            data["pixel [px]"] = np.stack([columns, rows, np.zeros_like(rows)])[:, frame.known].T
+            data |= {
+                f"{name} [{unit}]": frame.map(name)[frame.known]
+                for name, unit in _FURTHER.items()
+                if name in source.maps
+            }
+            cells = _quadrilaterals(frame, source)
+            points = np.ascontiguousarray(frame.points[:, frame.known].T)
+            mesh = meshio.Mesh(
+                points, [("quad", cells)], point_data={name: np.ascontiguousarray(each) for name, each in data.items()}
+            )
+            mesh.write(folder / f"{image_name(0, t)}.vtu", file_format="vtu")
+            count, gauge = count + len(points), float(frame.maps.attrs["gauge_length_px"])
+        return self.notes(source, gauge, count)
+
+
+def _quadrilaterals(frame: SurfaceFrame, source: ExportSource) -> NDArray[np.int64]:
+    """Return the corners of the quadrilaterals, as indices of the written points, shape (n, 4)."""
+    number = np.cumsum(frame.known.ravel()).reshape(frame.known.shape) - 1
+    depth = np.where(frame.known, frame.map("depth"), np.nan)
+    step = float(frame.maps.attrs["step_px"])
+    steepest = math.tan(math.radians(_MAX_SLOPE_DEG)) / read_intrinsics(source.maps).focal_length_px * step
+    objects = frame.map("object_id") if "object_id" in source.maps else np.zeros(depth.shape)
+
+    def joined(one: Any, other: Any) -> NDArray[np.bool_]:
+        near = np.minimum(depth[one], depth[other])
+        return np.asarray((np.abs(depth[one] - depth[other]) <= steepest * near) & (objects[one] == objects[other]))
+
+    across = joined((slice(None), slice(-1)), (slice(None), slice(1, None)))
+    down = joined((slice(-1), slice(None)), (slice(1, None), slice(None)))
+    whole = across[:-1] & across[1:] & down[:, :-1] & down[:, 1:]
+    corners = number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]
+    return np.stack([corner[whole] for corner in corners], axis=1).astype(np.int64)
+
+
+class Hdf5(PointOptions):
+    """All maps and their strain in one HDF5 file, with units and meanings as attributes.
+
+    ``maps.h5``: group ``truth`` or ``estimate`` with all variables as datasets, in their stored types, and group
+    ``strain`` with those of the strain at every ``step``-th pixel of the reference camera. Every dataset has the
+    attributes ``units`` and ``long_name``, flags ``flag_values`` and ``flag_meanings``; its dimensions are labelled and
+    have the coordinates (``t``, ``time_s``, ``y``, ``x``, ...) attached as HDF5 dimension scales. Attributes of groups
+    are those of the data sets: camera, method, settings, gauge. ``images=true`` adds the group ``recording``.
+    Vectors are along the axes of the camera, signs as in the data sets (``axes`` does not apply). Without motion there
+    is no group ``strain``. Lost: checksums.
+    """
+
+    kind: Literal["hdf5"] = "hdf5"
+    """Name of the format."""
+    axes: Literal["camera"] = "camera"
+    """X right, Y down, Z forward."""
+    images: bool = False
+    """Whether the recording is included."""
+    summary: ClassVar[str] = "all maps, strain and units in one .h5 file"
+    packages: ClassVar[tuple[str, ...]] = ("h5py",)
+
+    def problems(self, source: ExportSource) -> Iterator[Problem]:
+        """Yield nothing: all maps can be written."""
+        yield from ExportFormat.problems(self, source)
+
+    def write(self, source: ExportSource, folder: Path) -> list[str]:
+        """Write the file."""
+        import h5py
+
+        moving = "depth" in source.maps and {"velocity", "displacement_next"} & set(source.maps)
+        with h5py.File(folder / "maps.h5", "w") as file:
+            _write_group(file.create_group("truth" if source.is_truth else "estimate"), source.maps)
+            if moving:
+                frames = [frame.maps.expand_dims("t") for _, frame in self.frames(source)]
+                strain = xr.concat(
+                    frames, "t", data_vars="all", coords="minimal", compat="override", combine_attrs="drop_conflicts"
+                )
+                _write_group(file.create_group("strain"), strain)
+            if self.images:
+                _write_group(file.create_group("recording"), source.recording)
+        return [] if moving else ["no strain: it needs depth and motion"]
+
+
+def _write_group(group: h5py.Group, dataset: xr.Dataset) -> None:
+    """Write a data set with its coordinates as dimension scales."""
+    for name, value in sorted(dataset.attrs.items()):
+        group.attrs[str(name)] = value
+    # The order of the variables of a data set does not affect the file.
+    variables = sorted(dataset.variables.items(), key=lambda entry: str(entry[0]))
+    for name, item in variables:
+        made = _write_variable(group, str(name), item)
+        if item.dims == (name,):
+            made.make_scale(str(name))
+    for name, item in variables:
+        for axis, dim in enumerate(item.dims):
+            group[str(name)].dims[axis].label = str(dim)
+            if str(dim) in group and name != dim:
+                group[str(name)].dims[axis].attach_scale(group[str(dim)])
+
+
+def _write_variable(group: h5py.Group, name: str, item: xr.Variable) -> Any:
+    import h5py
+
+    values = np.asarray(item.values)
+    if values.dtype.kind in "UO":
+        made = group.create_dataset(name, data=values.astype(object), dtype=h5py.string_dtype())
+    else:
+        values = values.astype(np.uint8) if values.dtype.kind == "b" else values
+        packed = {"compression": "gzip", "shuffle": True} if values.ndim > 1 else {}
+        made = group.create_dataset(name, data=values, **packed)
+    for key, value in item.attrs.items():
+        made.attrs[str(key)] = value
+    return made

@@ -1,0 +1,159 @@
+"""Points of a surface with displacements and strains: what tables and fields have in common."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from pydantic import Field, field_validator
+
+from scenetruth.errors import Problem
+from scenetruth.exporters.camera_geometry import compute_pose, point_problems, points_in_world
+from scenetruth.exporters.export_source import ExportSource
+from scenetruth.exporters.format_base import ExportFormat
+from scenetruth.exporters.image_files import image_name
+
+if TYPE_CHECKING:
+    from scenetruth.strain import StrainSettings
+
+__all__ = ["STRAINS", "PointOptions", "PointTable", "SurfaceFrame"]
+
+Array = NDArray[np.float64]
+
+STRAINS = ("exx", "eyy", "exy", "e1", "e2")
+"""Components and principal values of strain."""
+
+
+class SurfaceFrame:
+    """Points of one frame on a lattice of pixels, with their displacements to the next frame and strains.
+
+    ``points``, ``moved``: Positions and displacements in the world, mm, shape (3, y, x); ``known`` where both are
+    finite. ``maps``: The strain data set of the frame.
+    """
+
+    def __init__(self, source: ExportSource, t: int, settings: StrainSettings, *, y_up: bool) -> None:
+        from scenetruth.strain import compute_strain
+
+        frame = source.maps.sel(t=[t])
+        self.maps: xr.Dataset = compute_strain(frame, settings=settings).isel(t=0)
+        self._source, self._t, self._y_up = source, t, y_up
+        self._lattice = tuple(
+            np.searchsorted(np.asarray(source.maps[dim].values), self.maps[dim].values) for dim in ("y", "x")
+        )
+        pose = compute_pose(source, 0, t)
+        self.points = self._turned(points_in_world(source, 0, t)[(slice(None), *np.ix_(*self._lattice))])
+        self.moved = self._turned(np.einsum("ij,jyx->iyx", pose.axes, self.maps["displacement"].values))
+        self.known = np.isfinite(self.points).all(axis=0) & np.isfinite(self.moved).all(axis=0)
+
+    def _turned(self, vectors: Array) -> Array:
+        """Return vectors of the world along the chosen axes."""
+        sign = np.array([1.0, -1.0, -1.0]) if self._y_up else np.ones(3)
+        # Avoid -0.0.
+        return np.asarray(sign[:, None, None] * vectors + 0.0)
+
+    def strain(self, name: str) -> Array:
+        """Return a map of strain, NaN where it is not stated; with Y upwards, shear and angle have the other sign."""
+        if name not in self.maps:
+            return np.full(self.known.shape, np.nan)
+        values = np.asarray(self.maps[name].values, dtype=np.float64)
+        return np.asarray(-values + 0.0 if self._y_up and name in ("exy", "angle") else values)
+
+    def map(self, name: str) -> Array:
+        """Return a map of the source at the points, components first; NaN if it has none."""
+        if name not in self._source.maps:
+            return np.full(self.known.shape, np.nan)
+        return self._source.map(name, 0, self._t)[(..., *np.ix_(*self._lattice))]
+
+    def pixels(self) -> tuple[Array, Array]:
+        """Return the columns and rows of the points, in px of the camera."""
+        x, y = (np.asarray(self.maps[dim].values, dtype=np.float64) for dim in ("x", "y"))
+        columns, rows = np.meshgrid(x, y)
+        return columns, rows
+
+    def sigma(self) -> Array:
+        """Return the standard deviation of disparity in px: 0 for a truth, NaN if it is not stated."""
+        return np.zeros(self.known.shape) if self._source.is_truth else np.abs(self.map("disparity_std"))
+
+    def image_motion(self) -> Array:
+        """Return the displacements in the image, px, shape (2, y, x)."""
+        name = "flow_next" if "flow_next" in self._source.maps else "flow"
+        values = self.map(name)
+        return values if values.ndim == 3 else np.stack([values, values])
+
+
+class PointOptions(ExportFormat):
+    """Options of formats with strain: its gauge, and the axes."""
+
+    measure: Literal["green_lagrange", "hencky", "engineering"] = "green_lagrange"
+    """The strain tensor."""
+    window: Annotated[int, Field(ge=3, le=1001)] = 11
+    """Points along each side of the strain window; an odd number."""
+    step: Annotated[int, Field(ge=1, le=1001)] = 4
+    """Distance of the points in pixels of the maps."""
+    order: Literal[1, 2] = 1
+    """Order of the polynomial of the strain window."""
+    weights: Literal["uniform", "gaussian"] = "uniform"
+    """Weights of the strain window."""
+    axes: Literal["camera", "y_up"] = "camera"
+    """``camera``: X right, Y down, Z forward; ``y_up``: X right, Y up, Z towards the camera."""
+
+    @field_validator("window")
+    @classmethod
+    def _odd(cls, value: int) -> int:
+        if value % 2 == 0:
+            msg = "must be an odd number"
+            raise ValueError(msg)
+        return value
+
+    def problems(self, source: ExportSource) -> Iterator[Problem]:
+        """Yield the missing requirements of displacements."""
+        yield from super().problems(source)
+        yield from point_problems(source)
+        if "depth" not in source.maps:
+            yield Problem("depth", "is missing; strain is computed from depth and motion")
+        if "displacement_next" not in source.maps and "velocity" not in source.maps:
+            yield Problem("velocity", "is missing; displacements need it, or a complete truth")
+
+    def frames(self, source: ExportSource) -> Iterator[tuple[int, SurfaceFrame]]:
+        """Yield all frames of the reference camera with their points."""
+        from scenetruth.strain import StrainSettings
+
+        names = ("measure", "window", "step", "order", "weights")
+        settings = StrainSettings(**{name: getattr(self, name) for name in names})
+        for t in source.frames:
+            yield t, SurfaceFrame(source, t, settings, y_up=self.axes == "y_up")
+
+    def notes(self, source: ExportSource, gauge_px: float, count: int) -> list[str]:
+        """Return the notes of an export."""
+        finite = "displacement_next" in source.maps
+        motion = (
+            "from frame t to t + 1" if finite else "the velocity at frame t over one frame, not a finite displacement"
+        )
+        found = [f"{count} points; U, V, W: {motion}; strain gauge {gauge_px:g} px"]
+        return found if len(source.views) == 1 else [*found, "only the points of the reference camera (s = 0)"]
+
+
+class PointTable(PointOptions):
+    """A table of points for every frame of the reference camera."""
+
+    ending: ClassVar[str] = "csv"
+
+    @abstractmethod
+    def columns(self, frame: SurfaceFrame, source: ExportSource) -> Mapping[str, Array]:
+        """Return the columns by their names, maps (y, x)."""
+
+    def write(self, source: ExportSource, folder: Path) -> list[str]:
+        """Write one file for every frame."""
+        import pandas as pd
+
+        count, gauge = 0, 0.0
+        for t, frame in self.frames(source):
+            table = pd.DataFrame({name: values[frame.known] for name, values in self.columns(frame, source).items()})
+            count, gauge = count + len(table), float(frame.maps.attrs["gauge_length_px"])
+            table.to_csv(folder / f"{image_name(0, t)}.{self.ending}", index=False, lineterminator="\n")
+        return self.notes(source, gauge, count)

@@ -1,0 +1,96 @@
+"""Surfaces read back by meshio and as XML, and all maps read back by h5py."""
+
+from __future__ import annotations
+
+import warnings
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import h5py
+import meshio
+import numpy as np
+import xarray as xr
+
+import scenetruth as st
+from tests.helpers.exported_scene import Export
+
+GAUGE = {"window": 5, "step": 2}
+
+
+def read_mesh(file: Path) -> Any:
+    """Read a mesh; meshio leaves closing its file to the garbage collector."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)
+        return meshio.read(file)
+
+
+def test_surface_has_the_points_displacements_and_strains(export: Export, truth: xr.Dataset) -> None:
+    file = export("vtu", **GAUGE).folder / "s+0_t+0.vtu"
+    mesh = read_mesh(file)
+    strain = st.compute_strain(truth, settings=GAUGE).sel(t=0)
+    known = np.isfinite(strain["displacement"].values).all(axis=0)
+    np.testing.assert_allclose(mesh.points.T, strain["point"].values[:, known], rtol=1e-14)
+    data = mesh.point_data
+    np.testing.assert_array_equal(data["displacement [mm]"].T, strain["displacement"].values[:, known])
+    for name in ("exx", "eyy", "exy", "e1", "e2"):
+        np.testing.assert_array_equal(data[f"{name} [1]"], strain[name].values[known])
+    rows, columns = np.nonzero(known)
+    np.testing.assert_array_equal(
+        data["pixel [px]"][:, :2], np.stack([strain["x"][columns], strain["y"][rows]], axis=1)
+    )
+    root = ET.parse(file).getroot()
+    assert root.attrib["type"] == "UnstructuredGrid"
+    assert root.find(".//Piece").attrib["NumberOfPoints"] == str(known.sum())  # type: ignore[union-attr]
+
+
+def test_cells_are_whole_squares_of_one_object(export: Export, truth: xr.Dataset) -> None:
+    mesh = read_mesh(export("vtu", **GAUGE).folder / "s+0_t+0.vtu")
+    (cells,) = mesh.cells
+    assert cells.type == "quad"
+    pixel = mesh.point_data["pixel [px]"][:, :2].astype(int)
+    corners = pixel[cells.data]
+    np.testing.assert_array_equal(
+        corners - corners[:, :1], np.broadcast_to([[0, 0], [2, 0], [2, 2], [0, 2]], corners.shape)
+    )
+    objects = truth["object_id"].sel(s=0, t=0).values[corners[..., 1], corners[..., 0]]
+    assert (objects == objects[:, :1]).all()
+    assert {0, 1} == set(objects.ravel().tolist())
+    # Every square of one object whose corners are near each other is a cell.
+    number = truth["object_id"].sel(s=0, t=0).values[1::2, 1::2]
+    same = (
+        (number[1:, 1:] == number[:-1, 1:])
+        & (number[1:, :-1] == number[:-1, :-1])
+        & (number[1:, 1:] == number[1:, :-1])
+    )
+    assert len(cells.data) == (same & (number[1:, 1:] >= 0)).sum()
+
+
+def test_hdf5_describes_itself(export: Export, truth: xr.Dataset) -> None:
+    with h5py.File(export("hdf5", **GAUGE).folder / "maps.h5") as file:
+        assert set(file) == {"truth", "strain"}
+        maps = file["truth"]
+        for name, item in truth.data_vars.items():
+            made = maps[str(name)]
+            np.testing.assert_array_equal(made[()], item.values)
+            assert made.attrs["units"] == item.attrs["units"]
+            assert made.attrs["long_name"] == item.attrs["long_name"]
+            assert [dim.label for dim in made.dims] == list(item.dims)
+        np.testing.assert_array_equal(maps["depth"].dims[1][0][()], truth["t"].values)
+        assert [name.decode() for name in maps["component"][()]] == ["X", "Y", "Z"]
+        assert maps.attrs["focal_length_px"] == 80
+        strain = st.compute_strain(truth, settings=GAUGE)
+        np.testing.assert_array_equal(file["strain"]["exx"][()], strain["exx"].values)
+        assert file["strain"].attrs["gauge_length_px"] == strain.attrs["gauge_length_px"]
+        assert file["strain"]["angle"].attrs["units"] == "rad"
+
+
+def test_hdf5_of_a_depth_map_has_no_strain(recording: xr.Dataset, truth: xr.Dataset, tmp_path: Path) -> None:
+    depth = truth["depth"].sel(s=0).values
+    still = st.make_estimate(recording=recording, depth=depth)
+    done = st.export((recording, still), "hdf5", output=tmp_path / "h5", images=True)
+    assert done.notes == ("no strain: it needs depth and motion",)
+    with h5py.File(done.folder / "maps.h5") as file:
+        assert set(file) == {"estimate", "recording"}
+        np.testing.assert_array_equal(file["estimate"]["depth"][()], still["depth"].values)
+        np.testing.assert_array_equal(file["recording"]["image"][()], recording["image"].values)

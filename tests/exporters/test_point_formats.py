@@ -1,0 +1,139 @@
+"""Tables of points read back by pandas, against the truth, the projection of points, and the strain of the scene."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import scenetruth as st
+from tests.helpers.exported_scene import Export
+
+GAUGE = {"window": 5, "step": 2}
+FOCAL_PX, CENTRE_PX = 80, (31.5, 23.5)
+TABLES = {"point_csv": "s+0_t+0.csv", "vic3d": "s+0_t+0.csv", "matchid": "s+0_t+0.csv", "dice": "DICe_solution_1.txt"}
+"""The file of frame 0; DICe numbers files, from frame -1 on."""
+
+COMMON = {
+    "vic3d": {
+        **{name: f"{name} [mm]" for name in "XYZUVW"},
+        **{name: f"{name} [1] - Lagrange" for name in ("exx", "eyy", "exy")},
+        **{"x": "x [pixel]", "y": "y [pixel]"},
+    },
+    "dice": {
+        **{name: f"MODEL_COORDINATES_{name}" for name in "XYZ"},
+        **dict(zip("UVW", (f"MODEL_DISPLACEMENT_{name}" for name in "XYZ"), strict=True)),
+        **{name: f"VSG_STRAIN_{name[1:].upper()}" for name in ("exx", "eyy", "exy")},
+        **{"x": "COORDINATE_X", "y": "COORDINATE_Y"},
+    },
+    "matchid": {
+        **{name: f"coor.{name} [mm]" for name in "XYZ"},
+        "U": "disp.Horizontal Displacement U [mm]",
+        "V": "disp.Vertical Displacement V [mm]",
+        "W": "disp.Out-Of-Plane: W [mm]",
+        **{name: f"strain.Strain-global frame: E{name[1:]} [ ]" for name in ("exx", "eyy", "exy")},
+        **{"x": "Coordinates.Image X [Pixel]", "y": "Coordinates.Image Y [Pixel]"},
+    },
+}
+
+
+def table(export: Export, format: str, **options: object) -> pd.DataFrame:
+    return pd.read_csv(export(format, **GAUGE, **options).folder / TABLES[format])
+
+
+def at_points(maps: xr.DataArray, found: pd.DataFrame) -> np.ndarray:
+    """Return the values of a map at the pixels of a table."""
+    where = {axis: xr.DataArray(found[f"{axis} [px]"].astype(int), dims="p") for axis in ("x", "y")}
+    return np.asarray(maps.sel(**where).values)
+
+
+def test_points_and_displacements_are_those_of_the_truth(export: Export, truth: xr.Dataset) -> None:
+    found = table(export, "point_csv")
+    own = truth.sel(s=0, t=0)
+    assert len(found) == np.isfinite(own["depth"].values[1::2, 1::2]).sum()
+    np.testing.assert_array_equal(found["Z [mm]"], at_points(own["depth"], found))
+    x, y, z = (found[f"{name} [mm]"] for name in "XYZ")
+    for pixel, place, centre in ((found["x [px]"], x, CENTRE_PX[0]), (found["y [px]"], y, CENTRE_PX[1])):
+        np.testing.assert_allclose(FOCAL_PX * place / z + centre, pixel, atol=1e-11)
+    moved = at_points(own["displacement_next"], found)
+    for name, values in zip("UVW", moved, strict=True):
+        np.testing.assert_array_equal(found[f"{name} [mm]"], values)
+
+
+def test_strains_are_those_of_the_library(export: Export, truth: xr.Dataset) -> None:
+    found = table(export, "point_csv", measure="hencky")
+    strain = st.compute_strain(truth, settings={**GAUGE, "measure": "hencky"}).sel(t=0)
+    for name in ("exx", "eyy", "exy", "e1", "e2"):
+        np.testing.assert_array_equal(found[f"{name} [1]"], at_points(strain[name], found))
+    # All bodies of the scene are rigid.
+    assert found["exx [1]"].notna().sum() > 400
+    np.testing.assert_allclose(found["e1 [1]"].dropna(), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("format", sorted(COMMON))
+def test_programs_find_the_same_numbers_in_their_own_columns(export: Export, format: str) -> None:
+    own, other = table(export, "point_csv"), table(export, format)
+    for name, column in COMMON[format].items():
+        unit = "px" if name in "xy" else "mm" if len(name) == 1 else "1"
+        np.testing.assert_array_equal(other[column], own[f"{name} [{unit}]"])
+
+
+def test_image_motion_and_sigma_of_vic_and_dice(export: Export, truth: xr.Dataset) -> None:
+    own, vic, dice = (table(export, format) for format in ("point_csv", "vic3d", "dice"))
+    flow = at_points(truth["flow_next"].sel(s=0, t=0), own)
+    for axis, (one, other) in enumerate((("u [pixel]", "DISPLACEMENT_X"), ("v [pixel]", "DISPLACEMENT_Y"))):
+        np.testing.assert_array_equal(vic[one], flow[axis])
+        np.testing.assert_array_equal(dice[other], flow[axis])
+    assert (vic["sigma [pixel]"] == 0).all()
+    assert (dice["STATUS_FLAG"] == 4).all()
+    np.testing.assert_array_equal(dice["SUBSET_ID"], np.arange(len(own)))
+
+
+def test_y_upwards_turns_the_frame_by_half_a_turn_about_x(
+    export: Export, recording: xr.Dataset, truth: xr.Dataset, tmp_path: Path
+) -> None:
+    down = table(export, "point_csv")
+    folder = st.export((recording, truth), "point_csv", output=tmp_path / "up", axes="y_up", **GAUGE).folder
+    up = pd.read_csv(folder / TABLES["point_csv"])
+    for name in ("Y [mm]", "Z [mm]", "V [mm]", "W [mm]", "exy [1]"):
+        np.testing.assert_array_equal(up[name], -down[name])
+    for name in ("X [mm]", "U [mm]", "exx [1]", "eyy [1]", "e1 [1]"):
+        np.testing.assert_array_equal(up[name], down[name])
+
+
+def test_estimate_states_its_noise_and_its_motion(recording: xr.Dataset, truth: xr.Dataset, tmp_path: Path) -> None:
+    own, rng = truth.sel(s=0), np.random.default_rng(0)
+    noise = 0.01
+    velocity = own["velocity"].values + noise * rng.standard_normal(own["velocity"].shape)
+    estimate = st.make_estimate(
+        recording=recording,
+        depth=own["depth"].values,
+        velocity=velocity,
+        velocity_std=np.where(np.isfinite(velocity), noise, np.nan),
+        depth_std=np.where(np.isfinite(own["depth"].values), 0.02, np.nan),
+    ).assign_attrs(settings=json.dumps({"window_sigma_px": 1.0}))
+    done = st.export((recording, estimate), "point_csv", output=tmp_path / "csv", **GAUGE)
+    found = pd.read_csv(done.folder / TABLES["point_csv"])
+    assert "velocity at frame t over one frame" in done.notes[0]
+    strain = st.compute_strain(estimate, settings=GAUGE).sel(t=0)
+    np.testing.assert_array_equal(found["exx_std [1]"], at_points(strain["exx_std"], found))
+    np.testing.assert_allclose(found["depth_std [mm]"], 0.02, rtol=1e-6)
+    ratio = (found["exx [1]"] / found["exx_std [1]"]).dropna()
+    # Rigid bodies: all strain is noise, overstated for a correlation that it does not have.
+    assert len(ratio) > 100
+    assert np.sqrt((ratio**2).mean()) < 1
+
+
+def test_data_without_motion_are_rejected_before_work(recording: xr.Dataset, truth: xr.Dataset, tmp_path: Path) -> None:
+    still = st.make_estimate(recording=recording, depth=truth["depth"].sel(s=0).values)
+    with pytest.raises(st.ExportError, match="velocity: is missing"):
+        st.export((recording, still), "vic3d", output=tmp_path / "csv")
+    with pytest.raises(st.ExportError, match="odd number"):
+        st.export((recording, truth), "vic3d", output=tmp_path / "csv", window=4)
+    with pytest.raises(st.ExportError, match="measure"):
+        st.export((recording, truth), "dice", output=tmp_path / "csv", measure="hencky")
+    assert not (tmp_path / "csv").exists()
