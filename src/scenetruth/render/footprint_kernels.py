@@ -15,7 +15,6 @@ from scenetruth.raycast.ray_triangle_kernels import (
     FORMS,
     edge_functions,
     rounding,
-    slope,
     write_forms,
 )
 from scenetruth.scene.texture.texture_kernels import cubic_weights, linear_at
@@ -134,99 +133,179 @@ def average_footprints(
     return arrived, means
 
 
+_U, _V = 3, 4  # rows of `_write_lines` after those of the three edge functions: numerators of u and v
+_CENTRE, _RIGHT, _DOWN = range(3)  # columns: coefficients of 1 and of the offsets to the right and down
+# Edge functions as linear functions of the offsets have more roundings than those of a ray.
+_ROUNDINGS = 4.0
+
+
+@inlined
+def _write_lines(
+    form: NDArray[np.float64], side: float, rays: ImageRays, pixel: int, uv: NDArray[np.float64], face: int,
+    lines: NDArray[np.float64],
+) -> Any:  # fmt: skip
+    """Write edge functions and texture coordinates of a face as linear functions of the offsets in a pixel.
+
+    The sum of the edge functions is the denominator of the texture coordinates. ``side``: Sign of the edge functions
+    inside the face. Returns: Bound of the rounding errors of the edge functions in the pixel.
+    """
+    apart = 1 if rays.across.shape[0] > 1 else 0
+    reach_x = reach_y = reach_z = 0.0
+    for column in range(3):
+        if column == _CENTRE:
+            x, y, z = rays.directions[pixel, 0], rays.directions[pixel, 1], rays.directions[pixel, 2]
+        elif column == _RIGHT:
+            x, y, z = rays.across[pixel * apart, 0], rays.across[pixel * apart, 1], rays.across[pixel * apart, 2]
+        else:
+            x, y, z = rays.down[pixel * apart, 0], rays.down[pixel * apart, 1], rays.down[pixel * apart, 2]
+        reach_x, reach_y, reach_z = reach_x + abs(x), reach_y + abs(y), reach_z + abs(z)
+        w0, w1, w2 = edge_functions(form, x, y, z)
+        w0, w1, w2 = side * w0, side * w1, side * w2
+        total = w0 + w1 + w2
+        lines[0, column], lines[1, column], lines[2, column] = w0, w1, w2
+        for k in range(2):
+            first = uv[face, 0, k]
+            lines[_U + k, column] = first * total + w1 * (uv[face, 1, k] - first) + w2 * (uv[face, 2, k] - first)
+    return _ROUNDINGS * rounding(form, reach_x, reach_y, reach_z)
+
+
+@inlined
+def _at(lines: NDArray[np.float64], row: int, right: float, below: float) -> Any:
+    """Return a linear function of the offsets in a pixel."""
+    return lines[row, _CENTRE] + (right * lines[row, _RIGHT] + below * lines[row, _DOWN])
+
+
+@inlined
+def _light_on(light: LampLight, face: int, number: int) -> Any:
+    """Return the irradiance of a face in a pixel."""
+    factor = light.ambient
+    for lamp in range(light.by_lamp.shape[1]):
+        part = light.by_lamp[face, lamp]
+        if part >= 0.0:
+            factor += part
+        elif (light.blocked[number] >> np.uint64(lamp)) & np.uint64(1) == np.uint64(0):
+            factor -= part
+    return factor
+
+
+@inlined
+def _passes_left(rays: ImageRays, pixel: int, place: tuple[float, ...], corner: NDArray[np.float64]) -> Any:
+    """Return on which side of a corner the line between two offsets in a pixel passes: positive to its left."""
+    apart = 1 if rays.across.shape[0] > 1 else 0
+    right, below, from_right, from_below = place
+    across, down, centre = rays.across[pixel * apart], rays.down[pixel * apart], rays.directions[pixel]
+    px = centre[0] + (from_right * across[0] + from_below * down[0])
+    py = centre[1] + (from_right * across[1] + from_below * down[1])
+    pz = centre[2] + (from_right * across[2] + from_below * down[2])
+    dx = centre[0] + (right * across[0] + below * down[0])
+    dy = centre[1] + (right * across[1] + below * down[1])
+    dz = centre[2] + (right * across[2] + below * down[2])
+    nx, ny, nz = py * dz - pz * dy, pz * dx - px * dz, px * dy - py * dx
+    return nx * (corner[0] - rays.origin[0]) + ny * (corner[1] - rays.origin[1]) + nz * (corner[2] - rays.origin[2])
+
+
+@inlined
+def _alone(mesh: TexturedMesh, rays: ImageRays, pixel: int, face: int) -> Any:
+    """Return whether all pixels around a pixel with a hit on a face show its body."""
+    hits, width = rays.face, rays.width
+    height = hits.shape[0] // width
+    body, row, column = mesh.face_body[face], pixel // width, pixel % width
+    for y in range(max(row - 1, 0), min(row + 2, height)):
+        for x in range(max(column - 1, 0), min(column + 2, width)):
+            other = hits[y * width + x]
+            if other != face and (other < 0 or mesh.face_body[other] != body):
+                return False
+    return True
+
+
 @kernel(error_model="numpy")
 def _average_footprints(
     low: int, high: int, mesh: TexturedMesh, rays: ImageRays, footprints: Footprints, raster: Raster, light: LampLight,
     arrived: NDArray[np.bool_], means: NDArray[np.float32],
 ) -> None:  # fmt: skip
     vertices, faces, neighbours, face_body, uv = mesh.vertices, mesh.faces, mesh.neighbours, mesh.face_body, mesh.uv
-    origin, directions, across, down = rays.origin, rays.directions, rays.across, rays.down
-    hits, width = rays.face, rays.width
-    offsets, weights = footprints.offsets, footprints.weights
+    origin, offsets, meeting = rays.origin, footprints.offsets, footprints.meeting
     values, flat, cubic, tiled = raster.values, raster.values.ravel(), raster.cubic, raster.tiled
     texel_rows, texel_columns = values.shape
     gain, level = raster.gain / (36.0 if cubic else 1.0), raster.mean
-    by_lamp, dark_lamps, meeting = light.by_lamp, light.blocked, footprints.meeting
     pixels, firsts, counts = footprints.pixels, footprints.firsts, footprints.counts
-    height = hits.shape[0] // width
-    ambient = light.ambient
-    apart, lit, lamps = 1 if across.shape[0] > 1 else 0, by_lamp.shape[0] > 0, by_lamp.shape[1]
-    known = meeting.shape[0] > 0
-    form = np.empty(FORMS, dtype=np.float64)
+    lit, known = light.by_lamp.shape[0] > 0, meeting.shape[0] > 0
+    form, lines = np.empty(FORMS, dtype=np.float64), np.empty((5, 3), dtype=np.float64)
+    most = 1
+    for n in range(low, high):
+        most = max(most, counts[n])
+    # Texture coordinates and weights of the samples of a pixel.
+    us, vs, shares = np.empty(most), np.empty(most), np.empty(most)
     for n in range(low, high):
         pixel = pixels[n]
-        face = hits[pixel]
+        face = rays.face[pixel]
         body = face_body[face]
-        alone = True
-        row, column = pixel // width, pixel % width
-        for y in range(max(row - 1, 0), min(row + 2, height)):
-            for x in range(max(column - 1, 0), min(column + 2, width)):
-                other = hits[y * width + x]
-                alone = alone and other >= 0 and face_body[other] == body
+        alone = _alone(mesh, rays, pixel, face)
         if not (alone or known):
             continue
         write_forms(vertices, faces, face, origin, form)
         side = 1.0 if form[DISTANCE] > 0.0 else -1.0
-        right_x, right_y, right_z = across[pixel * apart, 0], across[pixel * apart, 1], across[pixel * apart, 2]
-        down_x, down_y, down_z = down[pixel * apart, 0], down[pixel * apart, 1], down[pixel * apart, 2]
-        cx, cy, cz = directions[pixel, 0], directions[pixel, 1], directions[pixel, 2]
-        # Start of the line to the next sample.
-        px, py, pz = cx, cy, cz
-        mean, factor, lit_face = 0.0, 1.0, -1
-        first, count = firsts[n], counts[n]
-        for sample in range(first, first + count):
-            right, below = offsets[sample, 0], offsets[sample, 1]
-            dx = cx + (right * right_x + below * down_x)
-            dy = cy + (right * right_y + below * down_y)
-            dz = cz + (right * right_z + below * down_z)
-            found = False
-            for _step in range(MOST_STEPS):
-                w0, w1, w2 = edge_functions(form, dx, dy, dz)
-                ways, edge, corner = ways_out(side * w0, side * w1, side * w2)
-                if ways == 0:
-                    found = True
+        blur = _write_lines(form, side, rays, pixel, uv, face, lines)
+        factor = _light_on(light, face, n) if lit else 1.0
+        first, count = np.uint64(firsts[n]), np.uint64(counts[n])
+        whole = alone or not meeting[face]
+        for edge in range(3):
+            reach = 0.5 * (abs(lines[edge, _RIGHT]) + abs(lines[edge, _DOWN]))
+            whole = whole and lines[edge, _CENTRE] - reach > blur
+        if whole:
+            d0 = lines[0, _CENTRE] + lines[1, _CENTRE] + lines[2, _CENTRE]
+            d1 = lines[0, _RIGHT] + lines[1, _RIGHT] + lines[2, _RIGHT]
+            d2 = lines[0, _DOWN] + lines[1, _DOWN] + lines[2, _DOWN]
+            for sample in range(count):
+                right, below = offsets[first + sample, 0], offsets[first + sample, 1]
+                inverse = 1.0 / (d0 + (right * d1 + below * d2))
+                us[sample] = _at(lines, _U, right, below) * inverse
+                vs[sample] = _at(lines, _V, right, below) * inverse
+                shares[sample] = factor * footprints.weights[first + sample]
+            arrived[n] = True
+        else:
+            # Start of the line to the next sample.
+            from_right = from_below = 0.0
+            for sample in range(count):
+                right, below = offsets[first + sample, 0], offsets[first + sample, 1]
+                found = False
+                for _step in range(MOST_STEPS):
+                    w0, w1, w2 = _at(lines, 0, right, below), _at(lines, 1, right, below), _at(lines, 2, right, below)
+                    ways, edge, corner = ways_out(w0, w1, w2)
+                    if ways == 0:
+                        found = True
+                        break
+                    if ways == 3:
+                        break
+                    if ways == 2:
+                        # As in `walk_footprints`, by the side on which the line passes the corner.
+                        place = (right, below, from_right, from_below)
+                        left = _passes_left(rays, pixel, place, vertices[faces[face, corner]])
+                        edge = (corner + 2) % 3 if side * left > 0.0 else corner
+                    face = neighbours[face, edge]
+                    if face < 0 or face_body[face] != body:
+                        break
+                    write_forms(vertices, faces, face, origin, form)
+                    if not side * form[DISTANCE] > 0.0:
+                        break
+                    blur = _write_lines(form, side, rays, pixel, uv, face, lines)
+                    if lit:
+                        factor = _light_on(light, face, n)
+                if not found or min(w0, w1, w2) <= blur or not (alone or not meeting[face]):
                     break
-                if ways == 3:
-                    break
-                if ways == 2:
-                    # As in `walk_footprints`, by the side on which the line passes the corner.
-                    vertex = faces[face, corner]
-                    nx, ny, nz = py * dz - pz * dy, pz * dx - px * dz, px * dy - py * dx
-                    left = (
-                        nx * (vertices[vertex, 0] - origin[0])
-                        + ny * (vertices[vertex, 1] - origin[1])
-                        + nz * (vertices[vertex, 2] - origin[2])
-                    )
-                    edge = (corner + 2) % 3 if side * left > 0.0 else corner
-                face = neighbours[face, edge]
-                if face < 0 or face_body[face] != body:
-                    break
-                write_forms(vertices, faces, face, origin, form)
-                if not side * form[DISTANCE] > 0.0:
-                    break
-            blur = rounding(form, dx, dy, dz)
-            if not found or min(abs(w0), abs(w1), abs(w2)) <= blur or not side * slope(form, dx, dy, dz) > 0.0:
-                break
-            if not alone and meeting[face]:
-                break
-            total = w0 + w1 + w2
-            b1, b2 = w1 / total, w2 / total
-            u0, v0 = uv[face, 0, 0], uv[face, 0, 1]
-            u = u0 + b1 * (uv[face, 1, 0] - u0) + b2 * (uv[face, 2, 0] - u0)
-            v = v0 + b1 * (uv[face, 1, 1] - v0) + b2 * (uv[face, 2, 1] - v0)
-            if lit and face != lit_face:
-                lit_face, factor = face, ambient
-                for lamp in range(lamps):
-                    part = by_lamp[face, lamp]
-                    if part >= 0.0:
-                        factor += part
-                    elif (dark_lamps[n] >> np.uint64(lamp)) & np.uint64(1) == np.uint64(0):
-                        factor -= part
+                total = w0 + w1 + w2
+                us[sample] = _at(lines, _U, right, below) / total
+                vs[sample] = _at(lines, _V, right, below) / total
+                shares[sample] = factor * footprints.weights[first + sample]
+                from_right, from_below = right, below
+                arrived[n] = sample == count - np.uint64(1)
+            if not arrived[n]:
+                continue
+        mean = 0.0
+        for sample in range(count):
             if cubic:
-                value = np.float64(_spline_at(flat, texel_rows, texel_columns, u, v))
+                value = np.float64(_spline_at(flat, texel_rows, texel_columns, us[sample], vs[sample]))
             else:
-                value = np.float64(linear_at(values, u, v, tiled))
-            mean += weights[sample] * factor * (gain * value + level)
-            px, py, pz = dx, dy, dz
-            arrived[n] = sample == first + count - 1
+                value = np.float64(linear_at(values, us[sample], vs[sample], tiled))
+            mean += shares[sample] * (gain * value + level)
         means[n] = mean
