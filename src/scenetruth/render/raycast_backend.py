@@ -292,7 +292,7 @@ class RepeatingRayCaster(RayCaster):
         self._kept_bytes = 0
 
     def again(self, name: str, compute: Callable[[], Any], *given: Any) -> Any:
-        """Return the result for arguments, computed unless it is known; results must not be modified."""
+        """Return the result for arguments, computed at the first call; results must not be modified."""
         for known, arguments, result in self._known:
             if known == name and len(arguments) == len(given) and all(map(_equal, arguments, given)):
                 return result
