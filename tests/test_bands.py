@@ -104,9 +104,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.filterwarnings("ignore::scenetruth.errors.SceneWarning")
-@pytest.mark.parametrize(
-    "variant", ["exact", "gloss", "parallel", *by_night("sampled", "adaptive", "blurred")]
-)
+@pytest.mark.parametrize("variant", ["exact", "gloss", "parallel", *by_night("sampled", "adaptive", "blurred")])
 def test_every_band_is_the_grey_scene_with_its_values_to_the_byte(variant: str) -> None:
     plain = coloured(**VARIANTS[variant])
     recording, truth = st.simulate(plain, save_radiance=True)
