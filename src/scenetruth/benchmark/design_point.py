@@ -123,7 +123,7 @@ def build_error_maps(case: Case, found: CaseEstimates) -> CaseErrorMaps | None:
                 error = pair.estimate[0] - pair.truth[0]
             errors[label] = np.where(True if pair.full is None else pair.full[0], error, np.nan).astype(np.float32)
     image = np.asarray(found.recording["image"].sel(s=0, t=0).values, dtype=np.float32)
-    return CaseErrorMaps(image, quantity, errors)
+    return CaseErrorMaps(image.mean(axis=2) if image.ndim == 3 else image, quantity, errors)
 
 
 def write_error_maps(maps: CaseErrorMaps, path: Path) -> None:

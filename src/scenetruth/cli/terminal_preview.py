@@ -117,6 +117,9 @@ def _plane(images: Any, t: float) -> NDArray[np.float64]:
 
 
 def _grey(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return grey values or colours from 0 to 1, shape (y, x, 3); other channels are averaged."""
+    if image.ndim == 3 and image.shape[2] != 3:
+        image = image.mean(axis=2)
     values = image - min(float(np.nanmin(image)), 0.0)
     part = np.clip(values / max(float(np.nanpercentile(values, 99)), 1e-300), 0, 1)
-    return np.repeat(part[..., None], 3, axis=2)
+    return part if part.ndim == 3 else np.repeat(part[..., None], 3, axis=2)

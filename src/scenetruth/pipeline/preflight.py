@@ -61,6 +61,7 @@ def compute_recording_workload(recording: xr.Dataset, effort: MethodWorkload | N
         pixels=sizes["y"] * sizes["x"],
         positions=sizes["s"] * sizes.get("s_y", 1),
         frames=sizes["t"],
-        sample_bytes=recording["image"].dtype.itemsize * sizes.get("channel", 1),
+        sample_bytes=recording["image"].dtype.itemsize,
+        channels=sizes.get("channel", 1),
         effort=effort or MethodWorkload(),
     )

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from scenetruth.camera import build_sensor_chain
 from scenetruth.compilation import announced_compilation
 from scenetruth.errors import ArgumentError, Problem, SceneError
 from scenetruth.estimators import MethodChoice
@@ -211,6 +212,9 @@ def _run_stages(
     unknown = [stage for stage in stages if stage not in STAGES]
     if unknown:
         raise ArgumentError([Problem("stages", f"must be some of {', '.join(STAGES)}", unknown)])
+    if save_images == "png" and build_sensor_chain(scene.sensor).channels(scene.camera.bands):
+        message = "must be tiff for a camera with bands: only grey images are written as 16-bit PNG"
+        raise ArgumentError([Problem("save_images", message, save_images)])
     choices = method_choices(scene, specs)
     # A scene cannot name code: module:function is valid next to the method of the scene only.
     is_named = not specs or (isinstance(specs[0].method, str) and ":" not in specs[0].method)
@@ -274,7 +278,6 @@ def _compiling_in_parallel(
     helper: FigureWorker | None, scene: Scene, choices: Sequence[MethodChoice]
 ) -> Iterator[None]:
     """Compile in a second process if this process compiles: methods first, then kernels just before their use."""
-    from scenetruth.camera.sensor import build_sensor_chain
     from scenetruth.pipeline.compile_probe_kernels import probe_kernel
 
     if helper is None or not choices:

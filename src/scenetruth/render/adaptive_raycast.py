@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
@@ -11,8 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.camera import Camera, Viewpoint
-from scenetruth.raycast import ImageRays, MixedPixels, RayCaster, TexturedMesh, Topology, find_mixed_pixels
-from scenetruth.render.raycast_backend import RaycastRenderer, RayView, visible_uv
+from scenetruth.raycast import (
+    Changes,
+    ImageRays,
+    MixedPixels,
+    RayCaster,
+    SurfaceLines,
+    TexturedMesh,
+    Topology,
+    find_mixed_pixels,
+)
+from scenetruth.render.raycast_backend import RaycastRenderer, RayView, RepeatingRayCaster, visible_uv
 from scenetruth.render.sampling_rules import (
     FILTER_TAPS,
     GAUSS_ORDERS,
@@ -207,7 +216,7 @@ class AdaptiveRenderer(RaycastRenderer):
         decided = faces is not None and faces.decided
         lines = faces.borders if faces is not None and decided else None
         changes = None if self._shader is None else self._shader.changes(caster, t)
-        edges = find_mixed_pixels(caster, viewpoint, camera, body.reshape(shape), lines, changes)
+        edges = self._find_mixed(caster, viewpoint, body.reshape(shape), lines, changes)
         light, shade, blocked = None, np.empty(0), np.empty(0, dtype=np.uint64)
         if self._shader is not None:
             if faces is not None and decided:
@@ -253,6 +262,26 @@ class AdaptiveRenderer(RaycastRenderer):
         self._cut(view, canvas, edges, rules)
         self._trace_samples(view, canvas)
         return image.reshape(shape) * np.float32(self._lighting.brightness(t))
+
+    def _find_mixed(
+        self,
+        caster: RayCaster,
+        viewpoint: Viewpoint,
+        body: NDArray[np.int32],
+        lines: SurfaceLines | None,
+        changes: Changes | None,
+    ) -> MixedPixels:
+        """Return the mixed pixels, which bands with the same lines have in common."""
+
+        def find() -> MixedPixels:
+            return find_mixed_pixels(caster, viewpoint, self._camera, body, lines, changes)
+
+        if not isinstance(caster, RepeatingRayCaster):
+            return find()
+        parts = () if lines is None else (lines.starts_mm, lines.ends_mm, lines.face, lines.label)
+        found: MixedPixels = caster.again("mixed pixels", find, viewpoint.position_mm, body, *parts)
+        # Bands mark further pixels.
+        return replace(found, mixed=found.mixed.copy(), bare=found.bare.copy())
 
     def _look_up(
         self, body: NDArray[np.int32], where: NDArray[np.int64], uv: NDArray[np.float64], out: NDArray[np.float32]

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
-from scenetruth.raycast import Hits, ImageRays, RayCaster, TexturedMesh, Topology, mixed_pixels
+from scenetruth.raycast import Hits, ImageRays, RayCaster, ShadowCaster, TexturedMesh, Topology, mixed_pixels
 from scenetruth.render.renderer import Renderer
 from scenetruth.render.sampling_rules import Rule, even_rule, gauss_rule, lattice_rule, square_rule
 from scenetruth.render.shading import FaceLight, Shader
 from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lighting
 
-__all__ = ["BandRenderer", "RayView", "RaycastRenderer", "even_rule", "gauss_rule", "lattice_rule", "visible_uv"]
+__all__ = [
+    "BandRenderer", "RayView", "RaycastRenderer", "RepeatingRayCaster", "even_rule", "gauss_rule", "lattice_rule",
+    "visible_uv",
+]  # fmt: skip
 
 
 def visible_uv(
@@ -38,6 +43,7 @@ _FINER = 12  # finer sampling of pixels that a step crosses, per axis
 _STEP = 1e-3  # difference of two rules, in units of radiance, from which a pixel is sampled finer
 _PIXELS_PER_PIECE = 1 << 16
 _RAYS_PER_PIECE = 1 << 19
+_MOST_KEPT_BYTES = 1 << 29  # of the arguments and results that the bands of an image have in common
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,13 +266,108 @@ class RaycastRenderer(Renderer):
             self._caster = (t, RayCaster(self._world.at(t).vertices_mm, self._topology))
         return self._caster[1]
 
+    def repeating_caster_at(self, t: float) -> RepeatingRayCaster:
+        """Return the ray caster of a time, which keeps its results, and use it from now on."""
+        if self._caster is None or self._caster[0] != t or not isinstance(self._caster[1], RepeatingRayCaster):
+            found = RepeatingRayCaster(self._world.at(t).vertices_mm, self._topology)
+            self._caster = (t, found)
+            return found
+        return self._caster[1]
+
+    def use_caster(self, t: float, caster: RayCaster) -> None:
+        """Use the ray caster of another renderer of the same geometry at time t."""
+        self._caster = (t, caster)
+
     def close(self) -> None:
         """Release the mesh, the only resource."""
         self._caster = None
 
 
+class RepeatingRayCaster(RayCaster):
+    """Ray caster that keeps its results for the bands of an image, which cast the same rays."""
+
+    def __init__(self, vertices_mm: NDArray[np.float64], topology: Topology) -> None:
+        super().__init__(vertices_mm, topology)
+        self._known: list[tuple[str, tuple[Any, ...], Any]] = []
+        self._kept_bytes = 0
+
+    def again(self, name: str, compute: Callable[[], Any], *given: Any) -> Any:
+        """Return the result for arguments, computed at the first call; results must not be modified."""
+        for known, arguments, result in self._known:
+            if known == name and len(arguments) == len(given) and all(map(_equal, arguments, given)):
+                return result
+        result = compute()
+        size = 2 * sum(getattr(argument, "nbytes", 0) for argument in given)
+        if self._kept_bytes + size <= _MOST_KEPT_BYTES:
+            self._known.append((name, given, result))
+            self._kept_bytes += size
+        return result
+
+    def forget(self) -> None:
+        """Free the results."""
+        self._known.clear()
+        self._kept_bytes = 0
+
+    @cached_property
+    def shadows(self) -> ShadowCaster:
+        """Shadows of the mesh on itself for all bands, kept as well."""
+        return _RepeatingShadows(self)
+
+    def cast(self, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], grid_width: int = 0) -> Hits:
+        """Compute the first hits, see `RayCaster.cast`."""
+        hits: Hits = self.again(
+            "cast", lambda: super(RepeatingRayCaster, self).cast(origin_mm, directions, grid_width),
+            origin_mm, directions, grid_width,
+        )  # fmt: skip
+        return hits
+
+    def cast_in_pixels(
+        self, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], pixels: NDArray[np.int64]
+    ) -> Hits:
+        """Compute the first hits, see `RayCaster.cast_in_pixels`."""
+        hits: Hits = self.again(
+            "cast in pixels", lambda: super(RepeatingRayCaster, self).cast_in_pixels(origin_mm, directions, pixels),
+            origin_mm, directions, pixels,
+        )  # fmt: skip
+        return hits
+
+
+class _RepeatingShadows(ShadowCaster):
+    """Shadows that are kept for the bands of an image."""
+
+    def __init__(self, caster: RepeatingRayCaster) -> None:
+        super().__init__(caster.vertices_mm, caster.topology)
+        self._again = caster.again
+
+    def blocked_parallel(
+        self,
+        points_mm: NDArray[np.float64],
+        faces: NDArray[np.int32],
+        wanted: NDArray[np.bool_],
+        to_light: NDArray[np.float64],
+        *,
+        confirmed: bool = True,
+    ) -> NDArray[np.bool_]:
+        """Return which wanted points light does not reach, see `ShadowCaster.blocked_parallel`."""
+
+        def find() -> NDArray[np.bool_]:
+            return super(_RepeatingShadows, self).blocked_parallel(
+                points_mm, faces, wanted, to_light, confirmed=confirmed
+            )
+
+        dark: NDArray[np.bool_] = self._again("parallel", find, points_mm, faces, wanted, to_light, confirmed)
+        return dark
+
+
+def _equal(one: Any, other: Any) -> bool:
+    return one is other or bool(np.array_equal(one, other))
+
+
 class BandRenderer(Renderer):
-    """Renderer of several bands, one after the other, with the same geometry."""
+    """Renderer of several bands, one after the other, with the same geometry.
+
+    Hits, silhouettes and shadows are computed for the first band and used for all.
+    """
 
     def __init__(self, renderers: Sequence[RaycastRenderer]) -> None:
         self._renderers = tuple(renderers)
@@ -274,7 +375,12 @@ class BandRenderer(Renderer):
 
     def render(self, t: float, viewpoint: Viewpoint) -> NDArray[np.float32]:
         """Return the image of all bands, shape (y, x, band), see `Renderer.render`."""
-        return np.stack([renderer.render(t, viewpoint) for renderer in self._renderers], axis=-1)
+        caster = self._renderers[0].repeating_caster_at(t)
+        for other in self._renderers[1:]:
+            other.use_caster(t, caster)
+        image = np.stack([renderer.render(t, viewpoint) for renderer in self._renderers], axis=-1)
+        caster.forget()
+        return image
 
     def close(self) -> None:
         """Close the renderers of all bands."""

@@ -396,6 +396,9 @@ class Shader:
         return starts
 
     def _shadow_caster(self, caster: RayCaster) -> ShadowCaster:
+        common: ShadowCaster | None = getattr(caster, "shadows", None)
+        if common is not None:
+            return common
         if self._shadows is None or self._shadows.vertices_mm is not caster.vertices_mm:
             self._shadows = ShadowCaster(caster.vertices_mm, caster.topology)
         return self._shadows

@@ -129,10 +129,11 @@ def _render(demand: Workload) -> StageForecast:
     if demand.faces > _FACES_FEW:
         per_pixel = min(demand.faces / demand.pixels, _MOST_FACES_PER_PIXEL)
         truth_bytes = _STORED_CURVED_BYTES + _STORED_BYTES_BY_FACES * per_pixel
-    image_bytes = _STORED_SAMPLE_BYTES[demand.sample_bytes // demand.channels] * demand.channels
+    image_bytes = _STORED_SAMPLE_BYTES[demand.sample_bytes] * demand.channels
     image_bytes += _STORED_SAMPLE_BYTES[4] * demand.bands if demand.save_radiance else 0.0
     images = _STORE_BYTES + image_bytes * demand.images * demand.pixels
-    full = (demand.sample_bytes + (4 * demand.bands if demand.save_radiance else 0)) * demand.images * demand.pixels
+    per_pixel = demand.sample_bytes * demand.channels + (4 * demand.bands if demand.save_radiance else 0)
+    full = per_pixel * demand.images * demand.pixels
     return StageForecast(
         memory,
         images + truth_bytes * scale * truths,
@@ -209,7 +210,13 @@ def _estimated(recorded: RecordingWorkload) -> float:
 def _estimate(recorded: RecordingWorkload) -> StageForecast:
     estimated, pixels, effort = _estimated(recorded), recorded.pixels, recorded.effort
     at_once = min(estimated, max(pixels, effort.pixels_at_once))
-    window = min(at_once / pixels + _LOST_FRAMES, recorded.frames) * recorded.positions * recorded.sample_bytes * pixels
+    window = (
+        min(at_once / pixels + _LOST_FRAMES, recorded.frames)
+        * recorded.positions
+        * recorded.sample_bytes
+        * recorded.channels
+        * pixels
+    )
     memory = _ESTIMATE_START_BYTES + window
     if pixels > effort.whole_pixels:
         memory += effort.bytes_per_pixel * effort.tile_pixels + effort.bytes_per_tiled_pixel * pixels

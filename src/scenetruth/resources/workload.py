@@ -76,13 +76,17 @@ class MethodWorkload:
 
 @dataclass(frozen=True)
 class RecordingWorkload:
-    """Quantities that determine the cost of processing a recording; ``pixels`` is per image."""
+    """Quantities that determine the cost of processing a recording; ``pixels`` is per image.
+
+    ``channels``: Channels of the images, 1 for grey; each has ``sample_bytes`` per pixel.
+    """
 
     pixels: float
     positions: int
     frames: int
     sample_bytes: int
     effort: MethodWorkload = MethodWorkload()
+    channels: int = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +100,7 @@ class Workload(RecordingWorkload):
     ``noise_texels_to_paint``, ``leaf_texels_to_paint``: Texels that are not cached.
     ``views``: Cameras with ground truth.
     ``complete``, ``narrow``: Whether the ground truth has all maps, and is stored in 32 bits.
-    ``bands``, ``channels``: Bands that are rendered, and channels of the images, 1 for grey.
+    ``bands``: Bands that are rendered, 1 for grey.
     ``rays``: Whether images are rendered by ray casting; None: by the available backend.
     ``adaptive``: Whether pixels at edges have more samples.
     """
@@ -121,7 +125,6 @@ class Workload(RecordingWorkload):
     rays: bool | None
     adaptive: bool = False
     bands: int = 1
-    channels: int = 1
 
     @property
     def images(self) -> int:
@@ -211,14 +214,13 @@ def compute_workload(
 ) -> Workload:
     """Compute the workload of a scene."""
     camera, psf, chain = scene.camera, scene.optics.psf, build_sensor_chain(scene.sensor)
-    channels = max(len(chain.channels(camera.bands)), 1)
     fine, margin = fine_parts(psf), margin_px(psf)
     to_paint = [part for part in parts if not part.painted]
     leaves = [part for part in parts if isinstance(part.item.mesh, LeafMesh)]
     return Workload(
         pixels=camera.width * camera.height,
         fine_pixels=(camera.width + 2 * margin) * (camera.height + 2 * margin) * fine**2,
-        sample_bytes=chain.dtype.itemsize * channels,
+        sample_bytes=chain.dtype.itemsize,
         save_radiance=save_radiance,
         positions=scene.stage.positions * scene.stage.rows,
         frames=scene.frames.count,
@@ -239,6 +241,6 @@ def compute_workload(
         narrow=scene.storage.truth == "float32",
         adaptive=scene.render.edges == "adaptive",
         bands=max(len(camera.bands), 1),
-        channels=channels,
+        channels=max(len(chain.channels(camera.bands)), 1),
         rays=True if scene.needs_rays or scene.render.backend == "raycast" else _ALL_RUN[scene.render.backend],
     )

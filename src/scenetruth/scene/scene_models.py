@@ -375,10 +375,14 @@ class Scene(FrozenModel):
         return found
 
     def require_grey(self, what: str) -> None:
-        """Raise a SceneError if the camera has bands, which a computation does not support."""
+        """Raise a SceneError if the images have channels, which a computation does not support."""
         if self.camera.bands:
             message = f"{what} is for grey cameras; choose one band with `Scene.in_band`"
             raise SceneError([Problem("camera.bands", message, list(self.camera.bands))])
+        channels = build_sensor_chain(self.sensor).channels(())
+        if channels:
+            message = f"demosaicing gives the channels {', '.join(channels)}, but {what} is for grey images; omit it"
+            raise SceneError([Problem("sensor", message)])
 
     def band_scenes(self) -> list[Scene]:
         """Return the grey scenes of all bands, in order; the scene itself if it is grey."""

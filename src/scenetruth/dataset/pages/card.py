@@ -79,6 +79,7 @@ def _small(recording: xr.Dataset) -> NDArray[np.float32]:
     # Only this image is loaded.
     image = image.sel({name: 0 for name in ("s_y", "s", "t") if name in image.dims})
     values = np.asarray(image, dtype=np.float32) / np.float32(recording.attrs.get("full_scale", 1.0))
+    values = values.mean(axis=-1) if "channel" in image.dims else values
     height, width = values.shape
     share = min(THUMBNAIL_PX / max(width, height), 1.0)
     size = max(round(width * share), 1), max(round(height * share), 1)
