@@ -126,6 +126,7 @@ SCENE_MAY_IMPORT = {
     "leaf": {"mesh", "texture"},
     "lighting": {"motion"},
     "material": set(),
+    "leaf_spectra": set(),
     "scene_object": {"motion", "deformation", "mesh", "vertex_animation", "texture", "material"},
     "plant": {"motion", "deformation", "leaf", "material", "scene_object"},
     "scene_models": {"texture", "lighting", "scene_object", "plant"},
