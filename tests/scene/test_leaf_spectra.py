@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from scipy.special import expn
 
 import scenetruth as st
-from scenetruth.scene import LEAF_SPECTRA, LEAF_WAVELENGTHS_NM, LeafSpectrum, leaf_material
+from scenetruth.scene import LEAF_SPECTRA, LEAF_WAVELENGTHS_NM, BladeSpectrum, leaf_material
 
 # Féret et al. (2017), coefficients of PROSPECT-D: refractive index, and specific absorption of chlorophyll,
 # carotenoids (cm²/µg), water (1/cm) and dry matter (cm²/g).
@@ -36,7 +36,7 @@ def mean_transmittance(index: float, largest_deg: float) -> float:
     return float(quad(weighted, 0, largest)[0] / np.sin(largest) ** 2)
 
 
-def plates(spectrum: LeafSpectrum, wavelength: int) -> tuple[float, float]:
+def plates(spectrum: BladeSpectrum, wavelength: int) -> tuple[float, float]:
     """Return reflectance and transmittance of N plates (Stokes 1862, Allen et al. 1969, Jacquemoud and Baret 1990)."""
     index, *specific = COEFFICIENTS[wavelength]
     contents = spectrum.chlorophyll_ug_cm2, spectrum.carotenoids_ug_cm2, spectrum.water_cm, spectrum.dry_matter_g_cm2

@@ -106,7 +106,7 @@ def compute_channel_weights(power: ArrayLike) -> NDArray[np.float64]:
     -------
     NDArray[np.float64]
         Weights of squares, shape (n,); exactly 1 if the standard deviations differ by less than a factor of 1.25, or
-        if the noise of a channel is not known.
+        if the noise of a channel has no estimate.
 
     See Also
     --------

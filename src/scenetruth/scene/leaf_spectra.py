@@ -1,6 +1,6 @@
 """Reflectance and transmittance of green leaves by wavelength, as materials of scenes with bands.
 
-The values are those of the model PROSPECT-D (Féret et al. 2017) at the parameters of `LeafSpectrum`, without
+The values are those of the model PROSPECT-D (Féret et al. 2017) at the parameters of `BladeSpectrum`, without
 anthocyanins and brown pigments. They were computed once by the package ``prosail`` 2.0.5, as
 ``run_prospect(N, Cab, Car, 0, Cw, Cm, prospect_version="D")`` at single wavelengths, and rounded to 1e-4. The
 parameters are typical of young, mature and dark green leaves of broad-leaved plants, and not of a species.
@@ -15,7 +15,7 @@ from typing import Any
 
 from scenetruth.errors import ArgumentError, Problem
 
-__all__ = ["LEAF_SPECTRA", "LEAF_WAVELENGTHS_NM", "LeafSpectrum", "leaf_material"]
+__all__ = ["LEAF_SPECTRA", "LEAF_WAVELENGTHS_NM", "BladeSpectrum", "leaf_material"]
 
 LEAF_WAVELENGTHS_NM = (450, 475, 500, 525, 550, 575, 600, 625, 650, 660, 675, 700, 725, 750, 800, 850)
 """Wavelengths of the spectra in nm."""
@@ -26,7 +26,7 @@ _MOST_BANDS = 16
 
 
 @dataclass(frozen=True)
-class LeafSpectrum:
+class BladeSpectrum:
     """Spectrum of a leaf, and the parameters of PROSPECT-D by which it was computed.
 
     Attributes
@@ -64,23 +64,23 @@ class LeafSpectrum:
     transmittance: tuple[float, ...]
 
 
-LEAF_SPECTRA: Mapping[str, LeafSpectrum] = MappingProxyType(
+LEAF_SPECTRA: Mapping[str, BladeSpectrum] = MappingProxyType(
     {
-        "young_leaf": LeafSpectrum(
+        "young_leaf": BladeSpectrum(
             1.3, 20.0, 5.0, 0.01, 0.003,
             (0.0437, 0.0492, 0.0699, 0.1776, 0.2159, 0.1669, 0.1309, 0.1020,
              0.0730, 0.0606, 0.0441, 0.1924, 0.3717, 0.4208, 0.4315, 0.4312),
             (0.0155, 0.0337, 0.0771, 0.2262, 0.2752, 0.2217, 0.1796, 0.1419,
              0.0973, 0.0750, 0.0384, 0.2631, 0.4693, 0.5255, 0.5387, 0.5382),
         ),
-        "green_leaf": LeafSpectrum(
+        "green_leaf": BladeSpectrum(
             1.5, 40.0, 8.0, 0.0115, 0.005,
             (0.0413, 0.0421, 0.0507, 0.1340, 0.1538, 0.1075, 0.0798, 0.0609,
              0.0457, 0.0407, 0.0359, 0.1295, 0.3511, 0.4381, 0.4596, 0.4593),
             (0.0014, 0.0057, 0.0233, 0.1284, 0.1532, 0.1046, 0.0733, 0.0491,
              0.0255, 0.0161, 0.0048, 0.1375, 0.3766, 0.4686, 0.4921, 0.4916),
         ),
-        "dark_leaf": LeafSpectrum(
+        "dark_leaf": BladeSpectrum(
             1.7, 65.0, 13.0, 0.014, 0.008,
             (0.0410, 0.0407, 0.0432, 0.0976, 0.1137, 0.0766, 0.0571, 0.0456,
              0.0381, 0.0362, 0.0349, 0.0929, 0.3235, 0.4449, 0.4785, 0.4780),
@@ -122,7 +122,7 @@ def leaf_material(
 
     See Also
     --------
-    LeafSpectrum : Spectra and their parameters.
+    BladeSpectrum : Spectra and their parameters.
 
     Notes
     -----
