@@ -149,7 +149,7 @@ GROUPS = {
     "validation": {"paper-figure2", "emva1288", "rendering"},
 }
 OUTPUT_REQUIRED = {
-    *("run", "render", "export", "compare", "capture import", "capture calibrate", "capture run"),
+    *("run", "render", "export", "strain", "compare", "capture import", "capture calibrate", "capture run"),
     *("capture simulate", "capture twin"),
     *("dataset preview", "dataset run", "dataset sample"),
     *("design sweep", "design optimise", "design pattern", *(f"validation {name}" for name in GROUPS["validation"])),

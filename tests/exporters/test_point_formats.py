@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,7 @@ import xarray as xr
 import scenetruth as st
 from tests.helpers.exported_scene import Export
 
-GAUGE = {"window": 5, "step": 2}
+GAUGE: dict[str, Any] = {"window": 5, "step": 2}
 FOCAL_PX, CENTRE_PX = 80, (31.5, 23.5)
 TABLES = {"point_csv": "s+0_t+0.csv", "vic3d": "s+0_t+0.csv", "matchid": "s+0_t+0.csv", "dice": "DICe_solution_1.txt"}
 """The file of frame 0; DICe numbers files, from frame -1 on."""
@@ -48,7 +49,7 @@ def table(export: Export, format: str, **options: object) -> pd.DataFrame:
 def at_points(maps: xr.DataArray, found: pd.DataFrame) -> np.ndarray:
     """Return the values of a map at the pixels of a table."""
     where = {axis: xr.DataArray(found[f"{axis} [px]"].astype(int), dims="p") for axis in ("x", "y")}
-    return np.asarray(maps.sel(**where).values)
+    return np.asarray(maps.sel(where).values)
 
 
 def test_points_and_displacements_are_those_of_the_truth(export: Export, truth: xr.Dataset) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import xarray as xr
@@ -42,13 +42,17 @@ class SurfaceFrame:
         frame = source.maps.sel(t=[t])
         self.maps: xr.Dataset = compute_strain(frame, settings=settings).isel(t=0)
         self._source, self._t, self._y_up = source, t, y_up
-        self._lattice = tuple(
+        self._rows, self._columns = (
             np.searchsorted(np.asarray(source.maps[dim].values), self.maps[dim].values) for dim in ("y", "x")
         )
         pose = compute_pose(source, 0, t)
-        self.points = self._turned(points_in_world(source, 0, t)[(slice(None), *np.ix_(*self._lattice))])
+        self.points = self._turned(self._at_points(points_in_world(source, 0, t)))
         self.moved = self._turned(np.einsum("ij,jyx->iyx", pose.axes, self.maps["displacement"].values))
         self.known = np.isfinite(self.points).all(axis=0) & np.isfinite(self.moved).all(axis=0)
+
+    def _at_points(self, values: Array) -> Array:
+        """Return a map of all pixels at the points."""
+        return np.asarray(values[..., self._rows[:, None], self._columns])
 
     def _turned(self, vectors: Array) -> Array:
         """Return vectors of the world along the chosen axes."""
@@ -67,7 +71,7 @@ class SurfaceFrame:
         """Return a map of the source at the points, components first; NaN if it has none."""
         if name not in self._source.maps:
             return np.full(self.known.shape, np.nan)
-        return self._source.map(name, 0, self._t)[(..., *np.ix_(*self._lattice))]
+        return self._at_points(self._source.map(name, 0, self._t))
 
     def pixels(self) -> tuple[Array, Array]:
         """Return the columns and rows of the points, in px of the camera."""
@@ -144,7 +148,7 @@ class PointTable(PointOptions):
     ending: ClassVar[str] = "csv"
 
     @abstractmethod
-    def columns(self, frame: SurfaceFrame, source: ExportSource) -> Mapping[str, Array]:
+    def columns(self, frame: SurfaceFrame, source: ExportSource) -> Mapping[str, NDArray[Any]]:
         """Return the columns by their names, maps (y, x)."""
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:

@@ -110,10 +110,10 @@ class SurfaceStrain:
             [0.5 * ((axes[a] * gradient[b]).sum(axis=0) + (axes[b] * gradient[a]).sum(axis=0)) for a, b in _PAIRS]
         )
         if self.measure in ("engineering", "rate"):
-            return linear
+            return np.asarray(linear)
         green = linear + np.stack([0.5 * (gradient[a] * gradient[b]).sum(axis=0) for a, b in _PAIRS])
         if self.measure == "green_lagrange":
-            return green
+            return np.asarray(green)
         principal = principal_strain(green)
         with np.errstate(invalid="ignore", divide="ignore"):
             both = 0.5 * np.log1p(2 * np.stack([principal.larger, principal.smaller]))
@@ -192,7 +192,7 @@ def principal_stds(strain: Values, covariance: Values) -> Values:
         return np.stack([one[0] * other[0], one[1] * other[1], one[0] * other[1] + one[1] * other[0]])
 
     def variance(weights: Values) -> Values:
-        return np.maximum(np.einsum("mn,mkn,kn->n", weights, covariance, weights), 0.0)
+        return np.asarray(np.maximum(np.einsum("mn,mkn,kn->n", weights, covariance, weights), 0.0))
 
     first, second = variance(row(axes[0], axes[0])), variance(row(axes[1], axes[1]))
     mixed = variance(row(axes[0], axes[1]))
