@@ -15,6 +15,8 @@ from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 import scenetruth as st
+from scenetruth.camera import Camera
+from scenetruth.capture import RigCalibration, add_calibration_errors
 from scenetruth.schema import check_dataset, label
 from scenetruth.scoring import compute_growth_rate
 from scenetruth.settings import ScoreSettings
@@ -300,3 +302,32 @@ def test_all_problems_are_reported_together() -> None:
     with pytest.raises(st.ScoreError) as caught:
         st.compute_strain(disparity)
     assert {problem.path for problem in caught.value.problems} == {"depth", "velocity"}
+
+
+@pytest.mark.parametrize("measure", ["rate", "green_lagrange"])
+def test_error_of_the_focal_length_is_the_common_part(measure: str) -> None:
+    """With another focal length, depth and its changes scale, X and Y stay: the strain differs by its common part."""
+    std_px = 2.0
+    points = plane_points(35.0)
+    turning = np.einsum("ij,jyx->iyx", np.cross(np.eye(3), [0.01, 0.05, 0]), points)
+    velocity = turning + np.array([0.02, -0.01, 0.0])[:, None, None] * points
+    stated = estimate_of(points[2], velocity, (1e-6, 1e-6), {"settings": '{"window_sigma_px": 2.0}'})
+    camera = Camera(
+        width=SHAPE[1], height=SHAPE[0], focal_length_px=CAMERA.focal_length_px, principal_point_px=(39.5, 29.5)
+    )
+    estimate = add_calibration_errors(stated, RigCalibration.from_camera(camera, [-5, 0, 5], std={"f": std_px}))
+    chosen = {"window": 5, "step": 4, "measure": measure}
+    found = st.compute_strain(estimate, settings=chosen)
+    scale = 1 + std_px / CAMERA.focal_length_px
+    other = stated.assign_attrs(focal_length_px=CAMERA.focal_length_px + std_px)
+    other = other.assign(depth=scale * other["depth"], velocity=other["velocity"].copy(deep=True))
+    other["velocity"].loc[{"component": "Z"}] *= scale
+    changed = st.compute_strain(other, settings=chosen)
+    valid = found["valid"].values
+    for name in ("exx", "eyy", "exy"):
+        change = np.abs(changed[name] - found[name]).values[valid]
+        assert change.max() > 1e-5
+        # One standard deviation is 0.4 %, whose square is the difference between both.
+        common = found[f"{name}_std_common"].values[valid]
+        np.testing.assert_allclose(common, change, rtol=0, atol=0.01 * change.max())
+        assert (found[f"{name}_std"].values[valid] >= found[f"{name}_std_common"].values[valid]).all()

@@ -130,7 +130,7 @@ def compute_strain(
         correlation = 0.0
     window = FitWindow(chosen.axis_weights(), chosen.order, chosen.min_coverage, spacing)
     points = PixelCoordinates(grid.y[lattice], grid.x[lattice])
-    common = None if motion.is_given else CommonField.from_estimate(view)
+    common = None if motion.is_given else CommonField.from_estimate(dataset)
     frames = [
         _Frame(view.isel(t=n), motion, n, chosen, grid, lattice, intrinsics).strain(
             window, correlation, common, view.isel(t=[n])
@@ -352,9 +352,8 @@ class _Frame:
         across, down = correlation_factor(window, correlation_px)
         scale = np.array([[across, math.sqrt(across * down)], [math.sqrt(across * down), down]])
         spread = scale[:, :, None, None] * covariances
-        by_moved, by_points = some.sensitivities()
+        by_moved, by_depth = some.sensitivities(), some.slope_sensitivities(self._rays(valid))
         found = np.einsum("micn,ijcn,kjcn->mkn", by_moved, spread[:, :, :3], by_moved, optimize=True)
-        by_depth = np.einsum("micn,cn->min", by_points, self._rays(valid))
         return np.asarray(found + np.einsum("min,ijn,kjn->mkn", by_depth, spread[:, :, 3], by_depth, optimize=True))
 
     def _modes(self, common: CommonField, now: xr.Dataset) -> Map:
@@ -378,11 +377,8 @@ class _Frame:
     @staticmethod
     def _common(some: SurfaceStrain, derivatives: Map, count: int) -> Map:
         """Return the covariance of strain by the modes of a calibration, shape (3, 3, n)."""
-        by_moved, by_points = some.sensitivities()
         each = derivatives.reshape(2, count, 2, 3, -1)
-        errors = np.einsum("micn,ibcn->bmn", by_moved, each[:, :, 0]) + np.einsum(
-            "micn,ibcn->bmn", by_points, each[:, :, 1]
-        )
+        errors = np.stack([some.changes(each[:, n, 1], each[:, n, 0]) for n in range(count)])
         return np.asarray(np.einsum("bmn,bkn->mkn", errors, errors))
 
 
