@@ -35,6 +35,7 @@ from scenetruth.strain.strain_tensors import (
     principal_stds,
     principal_strain,
 )
+from scenetruth.strain.tracking import track_displacements
 from scenetruth.strain.window_fit import FitWindow, correlation_factor, fit_derivatives
 
 __all__ = ["STRAIN_NONE", "STRAIN_NO_ESTIMATE", "STRAIN_WINDOW", "compute_strain", "reference_view"]
@@ -56,6 +57,7 @@ def compute_strain(
     settings: StrainSettings | Mapping[str, Any] | None = None,
     displacement: ArrayLike | xr.DataArray | None = None,
     displacement_std: ArrayLike | xr.DataArray | None = None,
+    since: int | None = None,
 ) -> xr.Dataset:
     """Return the strain of the surfaces of an estimate or a truth, with a stated gauge and standard deviations.
 
@@ -85,6 +87,9 @@ def compute_strain(
     displacement_std
         Standard deviations of given displacements, mm, of the same shape; independent unless the settings state a
         correlation.
+    since
+        Frame of the reference configuration for all frames: its points are tracked by the velocities, and the maps of
+        every frame are those of its pixels. Default: the reference configuration of every frame is the frame itself.
 
     Returns
     -------
@@ -120,7 +125,7 @@ def compute_strain(
     ('t', 'y', 'x') 0.010101 23.0
     """
     chosen = strain_settings(settings)
-    motion = _Motion.of(dataset, chosen, displacement, displacement_std)
+    motion = _Motion.of(dataset, chosen, displacement, displacement_std, since)
     view = reference_view(dataset)
     intrinsics, grid = read_intrinsics(view), compute_pixel_coordinates(view)
     lattice = slice(min(chosen.step, *grid_sizes(view)) // 2, None, chosen.step)
@@ -130,12 +135,13 @@ def compute_strain(
         correlation = 0.0
     window = FitWindow(chosen.axis_weights(), chosen.order, chosen.min_coverage, spacing)
     points = PixelCoordinates(grid.y[lattice], grid.x[lattice])
-    common = None if motion.is_given else CommonField.from_estimate(dataset)
+    common = None if motion.is_given or since is not None else CommonField.from_estimate(dataset)
+    homes = range(view.sizes["t"]) if since is None else [_index(view, since)] * view.sizes["t"]
     frames = [
-        _Frame(view.isel(t=n), motion, n, chosen, grid, lattice, intrinsics).strain(
-            window, correlation, common, view.isel(t=[n])
+        _Frame(view.isel(t=home), motion, n, chosen, grid, lattice, intrinsics).strain(
+            window, correlation, common, view.isel(t=[home])
         )
-        for n in range(view.sizes["t"])
+        for n, home in enumerate(homes)
     ]
     arrays = {name: np.stack([frame[name] for frame in frames], axis=-3) for name in frames[0]}
     depth = arrays["point"][2][arrays["valid"]]
@@ -200,9 +206,12 @@ class _Motion:
         chosen: StrainSettings,
         displacement: ArrayLike | xr.DataArray | None,
         displacement_std: ArrayLike | xr.DataArray | None,
+        since: int | None,
     ) -> _Motion:
         """Return the motion, or raise with every problem."""
         problems = list(_dataset_problems(dataset, chosen, given=displacement is not None))
+        if since is not None and not problems:
+            problems += _since_problems(dataset, chosen, since, given=displacement is not None)
         if chosen.measure == "rate" and displacement is not None:
             problems.append(Problem("displacement", "must not be given for the rate, which follows from the velocity"))
         if displacement_std is not None and displacement is None:
@@ -215,6 +224,10 @@ class _Motion:
             values = _shaped("displacement", displacement, shape)
             std = None if displacement_std is None else _shaped("displacement_std", displacement_std, shape)
             return cls(values, None if std is None else std**2, "given", is_given=True)
+        if since is not None:
+            tracked = track_displacements(view, _index(view, since), math.tan(math.radians(chosen.max_slope_deg)))
+            variances = None if tracked.stds is None else tracked.stds**2
+            return cls(tracked.values, variances, f"velocity, integrated from frame {since}", is_given=False)
         if chosen.measure != "rate" and "displacement_next" in view:
             return cls(_array(view["displacement_next"]), None, "displacement_next", is_given=False)
         source = "velocity" if chosen.measure == "rate" else _STEADY
@@ -234,6 +247,20 @@ def _dataset_problems(dataset: xr.Dataset, chosen: StrainSettings, *, given: boo
     displaced = chosen.measure != "rate" and "displacement_next" in dataset
     if "velocity" not in dataset and not given and not displaced:
         yield Problem("velocity", "is missing; give it, or `displacement`", names)
+
+
+def _since_problems(dataset: xr.Dataset, chosen: StrainSettings, since: int, *, given: bool) -> Iterator[Problem]:
+    frames = dataset["t"].values.tolist()
+    if isinstance(since, bool) or since not in frames:
+        yield Problem("since", f"must be one of the frames {frames}", since)
+    if given or chosen.measure == "rate":
+        yield Problem("since", "does not apply to given displacements or to the rate", since)
+    if "velocity" not in dataset:
+        yield Problem("velocity", "is missing; `since` integrates it")
+
+
+def _index(view: xr.Dataset, t: int) -> int:
+    return int(np.flatnonzero(view["t"].values == t)[0])
 
 
 def _shaped(name: str, given: ArrayLike | xr.DataArray, shape: tuple[int, ...]) -> Map:
