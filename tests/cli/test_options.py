@@ -22,7 +22,7 @@ ARGUMENTS = {
     "render": "scene overrides truth_views truth_poses truth_content save_radiance save_images limits output overwrite",
     "estimate": "run methods settings",
     "score": "run overrides allow_mismatch",
-    "strain": "run output method measure window step order weights subset_px overwrite allow_mismatch",
+    "strain": "run output method measure window step order weights subset_px since overwrite allow_mismatch",
     "report": "run figures figure_formats allow_mismatch",
     "export": "path format output method row overwrite workers scheduler",
     "verify": "path regenerate seed",

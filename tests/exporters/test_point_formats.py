@@ -138,3 +138,21 @@ def test_data_without_motion_are_rejected_before_work(recording: xr.Dataset, tru
     with pytest.raises(st.ExportError, match="measure"):
         st.export((recording, truth), "dice", output=tmp_path / "csv", measure="hencky")
     assert not (tmp_path / "csv").exists()
+
+
+def test_points_of_a_frame_are_tracked(recording: xr.Dataset, truth: xr.Dataset, tmp_path: Path) -> None:
+    """Displacements since a frame, as other programs state them: the projection of the moved point is its pixel."""
+    done = st.export((recording, truth), "vic3d", output=tmp_path / "vic", since=-1, **GAUGE)
+    assert "from frame -1 to frame t" in done.notes[0]
+    found = pd.read_csv(done.folder / "s+0_t+1.csv")
+    ends = [found[f"{name} [mm]"] + found[f"{moved} [mm]"] for name, moved in zip("XYZ", "UVW", strict=True)]
+    for axis, name in enumerate("xy"):
+        pixel = FOCAL_PX * ends[axis] / ends[2] + CENTRE_PX[axis]
+        motion = found[f"{'uv'[axis]} [pixel]"]
+        np.testing.assert_allclose(pixel - found[f"{name} [pixel]"], motion, atol=1e-11)
+    strain = st.compute_strain(truth, since=-1, settings=GAUGE).sel(t=1)
+    assert found["exx [1] - Lagrange"].notna().sum() == strain["valid"].sum()
+    still = pd.read_csv(done.folder / "s+0_t-1.csv")
+    assert (still[["U [mm]", "V [mm]", "W [mm]"]] == 0).all(axis=None)
+    with pytest.raises(st.ExportError, match="since: must be one of the frames"):
+        st.export((recording, truth), "hdf5", output=tmp_path / "h5", since=7)

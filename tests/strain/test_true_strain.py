@@ -123,6 +123,21 @@ def test_score_of_an_estimate_with_known_errors(scene: st.Scene, truth: xr.Datas
     assert {"exx", "exx_windowed"} <= set(finite.regions["interior"])
 
 
+def test_score_since_a_frame_compares_with_the_geometry_of_both_frames(scene: st.Scene, truth: xr.Dataset) -> None:
+    """The trapezoidal rule over 7° per frame is the only error of exact velocities."""
+    maps = {name: truth[name] for name in ("depth", "velocity")}
+    estimate = xr.Dataset(maps, attrs={name: value for name, value in truth.attrs.items() if name != "scenetruth"})
+    gauge = {"measure": "hencky", "window": 3, "step": 2, "subset_px": 0}
+    found = st.score_strain(estimate, truth, scene, settings=gauge, since=-1, margin_px=2)
+    assert found.metadata["since"] == -1
+    pixels, windows = found.regions["all"]["e1"], found.regions["all"]["e1_windowed"]
+    assert windows["rmse"] == pytest.approx(0, abs=1e-14)
+    # (0.12 rad)³ / 12 for every frame, and half a frame less on average.
+    assert pixels["rmse"] is not None
+    assert 1e-6 < pixels["rmse"] < 5e-4
+    assert int(pixels["count"] or 0) > 300
+
+
 def test_problems_of_truths_and_scores(scene: st.Scene, truth: xr.Dataset) -> None:
     with pytest.raises(st.ScoreError, match="scene: is missing"):
         compute_true_strain(truth)

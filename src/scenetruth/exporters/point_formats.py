@@ -54,7 +54,7 @@ class Vic3dPoints(PointTable):
     so on for ``eyy``, ``exy``, ``e1``, ``e2``, with the measure in the name; ``gamma [deg]``, the angle of the first
     principal strain; ``sigma [pixel]``, the standard deviation of disparity in px, 0 for a truth and empty if an
     estimate does not state it; ``x [pixel]``, ``y [pixel]``, and the displacement in the image ``u [pixel]``,
-    ``v [pixel]``. Displacements lead to the next frame, not from the first one. Lost: as for ``point_csv``, and
+    ``v [pixel]``. Displacements lead to the next frame unless ``since`` is set. Lost: as for ``point_csv``, and
     standard deviations of strain.
     """
 

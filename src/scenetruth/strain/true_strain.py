@@ -165,7 +165,7 @@ def _finite(
     found, moves = [], []
     for n, t in enumerate(view["t"].values):
         frame = view.isel(t=n)
-        turn = _camera_axes(truth, int(t))
+        turn = _camera_axes(truth, n)
         body = frame["object_id"].values
         here = body >= 0
         face = world.faces[world.face_offsets[body[here]] + frame["face_id"].values[here]]
@@ -187,12 +187,12 @@ def _finite(
     return found, np.stack(moves, axis=1)
 
 
-def _camera_axes(truth: xr.Dataset, t: int) -> Map:
+def _camera_axes(truth: xr.Dataset, n: int) -> Map:
     """Return the axes of the reference camera in the world, as columns."""
     if "camera_rotation_rad" not in truth or truth.attrs.get("truth_poses", "actual") != "actual":
         return np.eye(3)
     from scipy.spatial.transform import Rotation
 
-    turn = truth["camera_rotation_rad"].sel(t=t)
+    turn = truth["camera_rotation_rad"].isel(t=n)
     turn = turn.sel({dim: 0 for dim in ("s_y", "s") if dim in turn.dims})
     return np.asarray(Rotation.from_rotvec(turn.values.astype(np.float64)).as_matrix())
