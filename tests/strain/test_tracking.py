@@ -103,4 +103,6 @@ def test_reference_frame_must_exist() -> None:
         st.compute_strain(moving(), since=9)
     with pytest.raises(st.ScoreError, match="does not apply"):
         st.compute_strain(moving(), since=0, settings={"measure": "rate"})
+    with pytest.raises(st.ScoreError, match="needs two or more frames"):
+        st.compute_strain(moving().sel(t=[0]), since=0)
     assert read_intrinsics(moving()) == CAMERA

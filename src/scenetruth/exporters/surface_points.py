@@ -131,6 +131,8 @@ class PointOptions(ExportFormat):
             yield Problem("velocity", "is missing; it is integrated from the frame of reference")
         if self.since is not None and self.since not in source.frames:
             yield Problem("since", f"must be one of the frames {source.frames}", self.since)
+        elif self.since is not None and len(source.frames) < 2:
+            yield Problem("since", "needs two or more frames with maps; estimate further frames", self.since)
 
     def frames(self, source: ExportSource) -> Iterator[tuple[int, SurfaceFrame]]:
         """Yield all frames of the reference camera with their points."""

@@ -253,6 +253,8 @@ def _since_problems(dataset: xr.Dataset, chosen: StrainSettings, since: int, *, 
     frames = dataset["t"].values.tolist()
     if isinstance(since, bool) or since not in frames:
         yield Problem("since", f"must be one of the frames {frames}", since)
+    elif len(frames) < 2:
+        yield Problem("since", "needs two or more frames with maps; estimate further frames, or omit it", since)
     if given or chosen.measure == "rate":
         yield Problem("since", "does not apply to given displacements or to the rate", since)
     if "velocity" not in dataset:

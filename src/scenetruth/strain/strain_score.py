@@ -199,7 +199,9 @@ def score_strain(
     masks = main_regions(exact, margin_px)
     if since is not None:
         home = int(np.flatnonzero(view["t"].values == since)[0])
-        masks = {name: np.broadcast_to(mask[home], mask.shape) for name, mask in masks.items()}
+        # In the reference frame itself there is no strain, and no error.
+        others = (view["t"].values != since)[:, None, None]
+        masks = {name: mask[home] & others for name, mask in masks.items()}
     places = {dim: view[dim] for dim in ("t", "y", "x")}
     regions = {
         name: xr.DataArray(mask, dims=("t", "y", "x"), coords=places).sel(at).values for name, mask in masks.items()
