@@ -258,8 +258,8 @@ def test_windows_end_at_depth_steps_and_invalid_pixels_have_reasons() -> None:
     # Each side moves as a rigid body; a window over both would see a strain.
     moved[0, :, 40:] = 5.0
     depth[30:34, 10:20] = np.nan
-    # Segments of single pixels: in every lattice, and in none of step 3.
-    depth[10, 10], depth[12, 60] = 300.0, 310.0
+    # Segments of single pixels: the first is not in the lattice of step 3.
+    depth[8, 60], depth[10, 10] = 310.0, 300.0
     strain = st.compute_strain(estimate_of(depth, moved), settings={"window": 5, "step": 1})
     assert strain["invalid_reason"].values[0, 10, 10] == 2
     assert st.compute_strain(estimate_of(depth, moved), settings={"window": 5, "step": 3})["valid"].any()
