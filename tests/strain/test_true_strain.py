@@ -16,8 +16,8 @@ from scenetruth.strain import StrainScore, compute_true_strain
 RATE, SHARE, TILT = 0.03, 0.8, 25.0
 
 
-def growing(**motion: Any) -> st.Scene:
-    """Return a tilted sheet that grows by different rates along X and Y, and turns."""
+def growing(camera: dict[str, Any] | None = None, **motion: Any) -> st.Scene:
+    """Return a tilted sheet that grows by different rates along X and Y, and turns; ``camera``: further fields."""
     sheet = {
         "name": "sheet",
         "mesh": {"kind": "plane", "size_mm": [90, 70], "resolution_mm": 10},
@@ -27,7 +27,7 @@ def growing(**motion: Any) -> st.Scene:
         "motion": [{"kind": "rotation", "axis": [1, 1, 1], "rate_deg_per_frame": 7}],
     }
     plain = {
-        "camera": {"width": 48, "height": 36, "focal_length_px": 80},
+        "camera": {"width": 48, "height": 36, "focal_length_px": 80, **(camera or {})},
         "stage": {"positions": 3, "baseline_mm": 4.0},
         "frames": {"count": 3, "frame_interval_s": 3600.0},
         "objects": [sheet | motion],
@@ -79,6 +79,28 @@ def test_windows_over_displacements_of_a_truth_agree_with_its_geometry(
     assert valid.mean() > 0.5
     for name in ("exx", "eyy", "exy", "e1", "e2"):
         np.testing.assert_allclose(windowed[name].values[valid], exact[name].values[valid], rtol=0, atol=1e-6)
+
+
+def test_distortion_of_the_lens_is_no_strain() -> None:
+    """Windows over pixels of a barrel lens: the same strains, and points at the places of the geometry."""
+    bent = growing(camera={"distortion": {"k1": -0.4, "p1": 0.01}})
+    truth = st.make_truth(bent, truth_content="complete")
+    settings = {"measure": "green_lagrange", "window": 5, "step": 2}
+    found = st.compute_strain(truth, settings=settings)
+    exact = compute_true_strain(truth, bent, settings=settings)
+    exact = exact.sel({dim: found[dim].values for dim in ("t", "y", "x")})
+    valid = found["valid"].values
+    assert valid.mean() > 0.3
+    for name in ("exx", "eyy", "exy"):
+        np.testing.assert_allclose(found[name].values[valid], exact[name].values[valid], rtol=0, atol=1e-6)
+    tracks = st.track_points(bent, truth, [0.0])[0][:, 1::2, 1::2]
+    at = found.sel(t=0)
+    here = np.isfinite(at["point"].values[0])
+    np.testing.assert_allclose(at["point"].values[:, here], tracks[:, here], rtol=0, atol=1e-9)
+    # Without the lens, turning by 7 degrees per frame would appear as strain.
+    pinhole = truth.assign_attrs(scene=json.dumps({"camera": {}}))
+    wrong = np.abs(st.compute_strain(pinhole, settings=settings)["exx"] - found["exx"])
+    assert float(wrong.max()) > 1e-4
 
 
 def test_windowed_rate_of_a_truth_agrees_with_its_growth_rates(truth: xr.Dataset) -> None:

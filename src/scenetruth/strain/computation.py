@@ -12,15 +12,11 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from scenetruth.errors import Problem, ScoreError
-from scenetruth.schema import Intrinsics, label, read_intrinsics
+from scenetruth.schema import label
 from scenetruth.scoring.common_errors import CommonField, MeasuredPoints
-from scenetruth.scoring.error_pairs import (
-    PixelCoordinates,
-    compute_pixel_coordinates,
-    compute_surface_points,
-    find_valid_pixels,
-)
+from scenetruth.scoring.error_pairs import PixelCoordinates, find_valid_pixels
 from scenetruth.scoring.growth_rate import label_depth_segments
+from scenetruth.strain.camera_rays import CameraRays
 from scenetruth.strain.gauge import (
     StrainGauge,
     StrainSettings,
@@ -127,7 +123,8 @@ def compute_strain(
     chosen = strain_settings(settings)
     motion = _Motion.of(dataset, chosen, displacement, displacement_std, since)
     view = reference_view(dataset)
-    intrinsics, grid = read_intrinsics(view), compute_pixel_coordinates(view)
+    camera = CameraRays.of(view)
+    intrinsics, grid = camera.intrinsics, camera.grid
     lattice = slice(min(chosen.step, *grid_sizes(view)) // 2, None, chosen.step)
     spacing = chosen.step * grid.step_px[0], chosen.step * grid.step_px[1]
     correlation = read_correlation_px(view) if chosen.correlation_sigma_px is None else chosen.correlation_sigma_px
@@ -138,7 +135,7 @@ def compute_strain(
     common = None if motion.is_given or since is not None else CommonField.from_estimate(dataset)
     homes = range(view.sizes["t"]) if since is None else [_index(view, since)] * view.sizes["t"]
     frames = [
-        _Frame(view.isel(t=home), motion, n, chosen, grid, lattice, intrinsics).strain(
+        _Frame(view.isel(t=home), motion, n, chosen, camera, lattice).strain(
             window, correlation, common, view.isel(t=[home])
         )
         for n, home in enumerate(homes)
@@ -298,27 +295,26 @@ class _Frame:
         motion: _Motion,
         number: int,
         chosen: StrainSettings,
-        grid: PixelCoordinates,
+        camera: CameraRays,
         lattice: slice,
-        intrinsics: Intrinsics,
     ) -> None:
         self._chosen, self._lattice = chosen, (..., lattice, lattice)
         depth = _array(maps["depth"])
         self._moved, self._steady = motion.values[:, number], motion.source == _STEADY
         full = maps.expand_dims("t")
         valid = find_valid_pixels(full, "depth" if motion.is_given else "velocity")[0]
-        self._known = valid & np.isfinite(depth) & np.isfinite(self._moved).all(axis=0)
+        self._points = camera.points(depth)
+        self._known = valid & np.isfinite(self._points).all(axis=0) & np.isfinite(self._moved).all(axis=0)
         joined = np.where(self._known | ("mixed" in maps), depth, np.nan)
         segments = label_depth_segments(
             joined,
-            intrinsics.focal_length_px,
+            camera.intrinsics.focal_length_px,
             chosen.max_slope_deg,
             objects=maps["object_id"].values if "object_id" in maps else None,
-            step_px=grid.step_px,
+            step_px=camera.grid.step_px,
         )
         segments = np.where(self._known, segments, np.int32(-1)).astype(np.int32)
         self._segments = np.ascontiguousarray(segments[self._lattice])
-        self._points = compute_surface_points(depth, intrinsics, grid)
         self._variances = self._stated_variances(maps, motion, number)
 
     def _stated_variances(self, maps: xr.Dataset, motion: _Motion, number: int) -> Map | None:

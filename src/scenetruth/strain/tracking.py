@@ -10,13 +10,8 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from scenetruth.schema import Intrinsics, read_intrinsics
-from scenetruth.scoring.error_pairs import (
-    PixelCoordinates,
-    compute_pixel_coordinates,
-    compute_surface_points,
-    find_valid_pixels,
-)
+from scenetruth.scoring.error_pairs import find_valid_pixels
+from scenetruth.strain.camera_rays import CameraRays
 
 __all__ = ["TrackedDisplacements", "track_displacements"]
 
@@ -46,10 +41,10 @@ def track_displacements(view: xr.Dataset, home: int, max_slope: float = _MAX_SLO
 
     ``view``: Maps (t, y, x) of one camera. ``home``: Index of the reference frame.
     """
-    intrinsics, grid = read_intrinsics(view), compute_pixel_coordinates(view)
+    camera = CameraRays.of(view)
     times = view["t"].values.astype(np.float64)
-    sampler = _Sampler(view, intrinsics, grid, max_slope)
-    start = compute_surface_points(view["depth"].values[home].astype(np.float64), intrinsics, grid)
+    sampler = _Sampler(view, camera, max_slope)
+    start = camera.points(view["depth"].values[home].astype(np.float64))
     values = np.full((3, len(times), *start.shape[1:]), np.nan)
     stds = None if not sampler.has_std else np.full(values.shape, np.nan)
     first = sampler.at_pixels(home)
@@ -73,11 +68,11 @@ def track_displacements(view: xr.Dataset, home: int, max_slope: float = _MAX_SLO
 class _Sampler:
     """Velocities, and their standard deviations, at points of frames."""
 
-    def __init__(self, view: xr.Dataset, intrinsics: Intrinsics, grid: PixelCoordinates, max_slope: float) -> None:
-        self._view, self._intrinsics, self._grid = view, intrinsics, grid
+    def __init__(self, view: xr.Dataset, camera: CameraRays, max_slope: float) -> None:
+        self._view, self._camera = view, camera
         self.has_std = "velocity_std" in view
         self._valid = find_valid_pixels(view, "velocity")
-        self._apart = max_slope / intrinsics.focal_length_px
+        self._apart = max_slope / camera.intrinsics.focal_length_px * max(camera.grid.step_px)
 
     def at_pixels(self, n: int) -> Map:
         """Return the velocity of a frame, followed by its standard deviation if stated, NaN where it is not valid."""
@@ -90,16 +85,13 @@ class _Sampler:
 
     def at_points(self, n: int, points: Map) -> Map:
         """Return the same at points (3, y, x), by bilinear interpolation between four valid pixels."""
-        (c_x, c_y), f = self._intrinsics.principal_point_px, self._intrinsics.focal_length_px
-        with np.errstate(invalid="ignore", divide="ignore"):
-            columns = (f * points[0] / points[2] + c_x - self._grid.x[0]) / self._grid.step_px[1]
-            rows = (f * points[1] / points[2] + c_y - self._grid.y[0]) / self._grid.step_px[0]
+        rows, columns = self._camera.pixels(points)
         usable = np.isfinite(columns) & np.isfinite(rows) & (points[2] > 0)
         places = np.where(usable, np.stack([rows, columns]), -9.0)
         depth = self._view["depth"].values[n].astype(np.float64)
         found = np.stack([_interpolated(each, places) for each in (depth, *self.at_pixels(n))])
         with np.errstate(invalid="ignore"):
-            same = np.abs(found[0] - points[2]) <= self._apart * max(self._grid.step_px) * points[2]
+            same = np.abs(found[0] - points[2]) <= self._apart * points[2]
         return np.where(usable & same, found[1:], np.nan)
 
 

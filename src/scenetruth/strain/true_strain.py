@@ -10,8 +10,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.errors import Problem, ScoreError
-from scenetruth.schema import label, read_intrinsics
-from scenetruth.scoring.error_pairs import compute_pixel_coordinates, compute_surface_points
+from scenetruth.schema import label
+from scenetruth.strain.camera_rays import CameraRays
 from scenetruth.strain.computation import STRAIN_NO_ESTIMATE, STRAIN_NONE, reference_view
 from scenetruth.strain.gauge import StrainSettings, strain_settings
 from scenetruth.strain.strain_tensors import COMPONENTS_OF_STRAIN, PRINCIPAL, SurfaceStrain, principal_strain
@@ -98,14 +98,15 @@ def compute_true_strain(
     else:
         assert scene is not None  # checked above
         found, moved = _finite(view, truth, scene, later, chosen)
-    intrinsics, grid = read_intrinsics(view), compute_pixel_coordinates(view)
+    camera = CameraRays.of(view)
+    intrinsics, grid = camera.intrinsics, camera.grid
     strain = np.stack(found, axis=1)
     principal = principal_strain(strain)
     columns = dict(zip(COMPONENTS_OF_STRAIN, strain, strict=True))
     columns |= dict(zip(PRINCIPAL, (principal.larger, principal.smaller, principal.angle), strict=True))
     valid = np.isfinite(strain).all(axis=0)
     depths = view["depth"].values.astype(np.float64)
-    points = np.stack([compute_surface_points(depth, intrinsics, grid) for depth in depths], axis=1)
+    points = np.stack([camera.points(depth) for depth in depths], axis=1)
     arrays: dict[str, Any] = {
         **columns,
         "valid": valid,
