@@ -239,6 +239,22 @@ def test_unknown_correlation_states_no_standard_deviation() -> None:
     assert "exx_std" in st.compute_strain(stated)
 
 
+def test_windows_with_points_of_unknown_noise_state_none() -> None:
+    points = plane_points(10.0)
+    estimate = estimate_of(points[2], 0 * points, (0.01, 0.01))
+    estimate = xr.concat(
+        [estimate, estimate.assign_coords(t=[1])], "t", data_vars="all", coords="minimal", compat="override"
+    )
+    estimate["velocity_std"].values[1, 1, 30, 40] = np.nan
+    strain = st.compute_strain(estimate, settings={"window": 5, "step": 1, "correlation_sigma_px": 0})
+    unknown = np.isnan(strain["exx_std"].values) & strain["valid"].values
+    rows, columns = np.nonzero(unknown[1])
+    assert not unknown[0].any()
+    assert (set(rows), set(columns)) == (set(range(28, 33)), set(range(38, 43)))
+    # Everything else of them is valid.
+    assert np.isfinite(strain["exx"].values[unknown[:, :, :]]).all()
+
+
 def test_gauge_is_stated_in_px_and_mm() -> None:
     points = plane_points(0.0)
     estimate = estimate_of(points[2], 0 * points, attrs={"settings": '{"window_sigma_px": 4.0}'})

@@ -318,13 +318,14 @@ class _Frame:
         self._variances = self._stated_variances(maps, motion, number)
 
     def _stated_variances(self, maps: xr.Dataset, motion: _Motion, number: int) -> Map | None:
-        """Return the variances of the three displacements and of depth at the points, shape (4, y, x)."""
+        """Return the variances of displacements and depth at the points, and where they are not stated, (5, y, x)."""
         if motion.variances is None:
             return None
         depth = None if motion.is_given else _pixel_variances(maps, "depth")
         of_depth = np.zeros(self._known.shape) if depth is None else depth
         found = np.concatenate([motion.variances[:, number], of_depth[None]])
-        return np.where(np.isfinite(found), found, np.inf)[self._lattice]
+        missing = ~np.isfinite(found)
+        return np.concatenate([np.where(missing, 0.0, found), missing.any(axis=0)[None]])[self._lattice]
 
     def strain(
         self, window: FitWindow, correlation_px: float, common: CommonField | None, now: xr.Dataset
@@ -335,17 +336,14 @@ class _Frame:
         modes = None if variances is None or common is None else self._modes(common, now)
         fields = [points, moved] + ([] if modes is None else [modes.reshape(-1, *moved.shape[1:])])
         known = self._segments >= 0
-        stated = variances is not None and bool(np.isfinite(variances[:, known]).all())
-        fit = fit_derivatives(
-            np.where(known, np.concatenate(fields), 0.0), self._segments, window, variances if stated else None
-        )
+        fit = fit_derivatives(np.where(known, np.concatenate(fields), 0.0), self._segments, window, variances)
         valid = fit.fitted
         some = SurfaceStrain(fit.values[:, :3, valid], fit.values[:, 3:6, valid], self._chosen.measure, self._steady)
         strain = some.values()
         principal = principal_strain(strain)
         columns = dict(zip(COMPONENTS_OF_STRAIN, strain, strict=True))
         columns |= dict(zip(PRINCIPAL, (principal.larger, principal.smaller, principal.angle), strict=True))
-        if stated:
+        if variances is not None:
             covariance = self._covariance(some, fit.covariances[..., valid], window, correlation_px, valid)
             if modes is not None:
                 shared = self._common(some, fit.values[:, 6:, valid], len(modes))
@@ -379,7 +377,9 @@ class _Frame:
         spread = scale[:, :, None, None] * covariances
         by_moved, by_depth = some.sensitivities(), some.slope_sensitivities(self._rays(valid))
         found = np.einsum("micn,ijcn,kjcn->mkn", by_moved, spread[:, :, :3], by_moved, optimize=True)
-        return np.asarray(found + np.einsum("min,ijn,kjn->mkn", by_depth, spread[:, :, 3], by_depth, optimize=True))
+        found = found + np.einsum("min,ijn,kjn->mkn", by_depth, spread[:, :, 3], by_depth, optimize=True)
+        # Windows with points whose standard deviation is not stated have none.
+        return np.where(np.einsum("iin->n", spread[:, :, 4]) > 0, np.nan, found)
 
     def _modes(self, common: CommonField, now: xr.Dataset) -> Map:
         """Return the errors of displacements and points by every mode of a calibration, shape (mode, 2, 3, y, x)."""
