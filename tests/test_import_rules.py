@@ -69,7 +69,7 @@ MAY_IMPORT = {
     },
     "estimators": {*LEAVES, "schema"},
     "scoring": {*LEAVES, "results", "schema"},
-    "strain": {*LEAVES, "results", "schema", "scoring", "scene", "truth"},
+    "strain": {*LEAVES, "results", "schema", "scoring", "camera", "scene", "truth"},
     "pipeline": {
         *LEAVES,
         *("scene", "camera", "provenance", "resources", "schema", "estimators", "scoring", "output", "storage"),

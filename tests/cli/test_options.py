@@ -22,7 +22,7 @@ ARGUMENTS = {
     "render": "scene overrides truth_views truth_poses truth_content save_radiance save_images limits output overwrite",
     "estimate": "run methods settings",
     "score": "run overrides allow_mismatch",
-    "strain": "run output method measure window step order weights subset_px overwrite allow_mismatch",
+    "strain": "run output method measure window step order weights subset_px since overwrite allow_mismatch",
     "report": "run figures figure_formats allow_mismatch",
     "export": "path format output method row overwrite workers scheduler",
     "verify": "path regenerate seed",
@@ -149,7 +149,7 @@ GROUPS = {
     "validation": {"paper-figure2", "emva1288", "rendering"},
 }
 OUTPUT_REQUIRED = {
-    *("run", "render", "export", "compare", "capture import", "capture calibrate", "capture run"),
+    *("run", "render", "export", "strain", "compare", "capture import", "capture calibrate", "capture run"),
     *("capture simulate", "capture twin"),
     *("dataset preview", "dataset run", "dataset sample"),
     *("design sweep", "design optimise", "design pattern", *(f"validation {name}" for name in GROUPS["validation"])),

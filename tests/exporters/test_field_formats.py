@@ -15,7 +15,7 @@ import xarray as xr
 import scenetruth as st
 from tests.helpers.exported_scene import Export
 
-GAUGE = {"window": 5, "step": 2}
+GAUGE: dict[str, Any] = {"window": 5, "step": 2}
 
 
 def read_mesh(file: Path) -> Any:

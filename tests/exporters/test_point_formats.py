@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,7 @@ import xarray as xr
 import scenetruth as st
 from tests.helpers.exported_scene import Export
 
-GAUGE = {"window": 5, "step": 2}
+GAUGE: dict[str, Any] = {"window": 5, "step": 2}
 FOCAL_PX, CENTRE_PX = 80, (31.5, 23.5)
 TABLES = {"point_csv": "s+0_t+0.csv", "vic3d": "s+0_t+0.csv", "matchid": "s+0_t+0.csv", "dice": "DICe_solution_1.txt"}
 """The file of frame 0; DICe numbers files, from frame -1 on."""
@@ -48,7 +49,7 @@ def table(export: Export, format: str, **options: object) -> pd.DataFrame:
 def at_points(maps: xr.DataArray, found: pd.DataFrame) -> np.ndarray:
     """Return the values of a map at the pixels of a table."""
     where = {axis: xr.DataArray(found[f"{axis} [px]"].astype(int), dims="p") for axis in ("x", "y")}
-    return np.asarray(maps.sel(**where).values)
+    return np.asarray(maps.sel(where).values)
 
 
 def test_points_and_displacements_are_those_of_the_truth(export: Export, truth: xr.Dataset) -> None:
@@ -137,3 +138,21 @@ def test_data_without_motion_are_rejected_before_work(recording: xr.Dataset, tru
     with pytest.raises(st.ExportError, match="measure"):
         st.export((recording, truth), "dice", output=tmp_path / "csv", measure="hencky")
     assert not (tmp_path / "csv").exists()
+
+
+def test_points_of_a_frame_are_tracked(recording: xr.Dataset, truth: xr.Dataset, tmp_path: Path) -> None:
+    """Displacements since a frame, as other programs state them: the projection of the moved point is its pixel."""
+    done = st.export((recording, truth), "vic3d", output=tmp_path / "vic", since=-1, **GAUGE)
+    assert "from frame -1 to frame t" in done.notes[0]
+    found = pd.read_csv(done.folder / "s+0_t+1.csv")
+    ends = [found[f"{name} [mm]"] + found[f"{moved} [mm]"] for name, moved in zip("XYZ", "UVW", strict=True)]
+    for axis, name in enumerate("xy"):
+        pixel = FOCAL_PX * ends[axis] / ends[2] + CENTRE_PX[axis]
+        motion = found[f"{'uv'[axis]} [pixel]"]
+        np.testing.assert_allclose(pixel - found[f"{name} [pixel]"], motion, atol=1e-11)
+    strain = st.compute_strain(truth, since=-1, settings=GAUGE).sel(t=1)
+    assert found["exx [1] - Lagrange"].notna().sum() == strain["valid"].sum()
+    still = pd.read_csv(done.folder / "s+0_t-1.csv")
+    assert (still[["U [mm]", "V [mm]", "W [mm]"]] == 0).all(axis=None)
+    with pytest.raises(st.ExportError, match="since: must be one of the frames"):
+        st.export((recording, truth), "hdf5", output=tmp_path / "h5", since=7)

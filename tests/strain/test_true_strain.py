@@ -16,8 +16,8 @@ from scenetruth.strain import StrainScore, compute_true_strain
 RATE, SHARE, TILT = 0.03, 0.8, 25.0
 
 
-def growing(**motion: Any) -> st.Scene:
-    """Return a tilted sheet that grows by different rates along X and Y, and turns."""
+def growing(camera: dict[str, Any] | None = None, **motion: Any) -> st.Scene:
+    """Return a tilted sheet that grows by different rates along X and Y, and turns; ``camera``: further fields."""
     sheet = {
         "name": "sheet",
         "mesh": {"kind": "plane", "size_mm": [90, 70], "resolution_mm": 10},
@@ -27,7 +27,7 @@ def growing(**motion: Any) -> st.Scene:
         "motion": [{"kind": "rotation", "axis": [1, 1, 1], "rate_deg_per_frame": 7}],
     }
     plain = {
-        "camera": {"width": 48, "height": 36, "focal_length_px": 80},
+        "camera": {"width": 48, "height": 36, "focal_length_px": 80, **(camera or {})},
         "stage": {"positions": 3, "baseline_mm": 4.0},
         "frames": {"count": 3, "frame_interval_s": 3600.0},
         "objects": [sheet | motion],
@@ -81,6 +81,28 @@ def test_windows_over_displacements_of_a_truth_agree_with_its_geometry(
         np.testing.assert_allclose(windowed[name].values[valid], exact[name].values[valid], rtol=0, atol=1e-6)
 
 
+def test_distortion_of_the_lens_is_no_strain() -> None:
+    """Windows over pixels of a barrel lens: the same strains, and points at the places of the geometry."""
+    bent = growing(camera={"distortion": {"k1": -0.4, "p1": 0.01}})
+    truth = st.make_truth(bent, truth_content="complete")
+    settings = {"measure": "green_lagrange", "window": 5, "step": 2}
+    found = st.compute_strain(truth, settings=settings)
+    exact = compute_true_strain(truth, bent, settings=settings)
+    exact = exact.sel({dim: found[dim].values for dim in ("t", "y", "x")})
+    valid = found["valid"].values
+    assert valid.mean() > 0.3
+    for name in ("exx", "eyy", "exy"):
+        np.testing.assert_allclose(found[name].values[valid], exact[name].values[valid], rtol=0, atol=1e-6)
+    tracks = st.track_points(bent, truth, [0.0])[0][:, 1::2, 1::2]
+    at = found.sel(t=0)
+    here = np.isfinite(at["point"].values[0])
+    np.testing.assert_allclose(at["point"].values[:, here], tracks[:, here], rtol=0, atol=1e-9)
+    # Without the lens, turning by 7 degrees per frame would appear as strain.
+    pinhole = truth.assign_attrs(scene=json.dumps({"camera": {}}))
+    wrong = np.abs(st.compute_strain(pinhole, settings=settings)["exx"] - found["exx"])
+    assert float(wrong.max()) > 1e-4
+
+
 def test_windowed_rate_of_a_truth_agrees_with_its_growth_rates(truth: xr.Dataset) -> None:
     windowed = st.compute_strain(truth, settings={"measure": "rate", "window": 5, "step": 2})
     exact = compute_true_strain(truth, settings={"measure": "rate"})
@@ -121,6 +143,21 @@ def test_score_of_an_estimate_with_known_errors(scene: st.Scene, truth: xr.Datas
     )
     assert finite.units == "1"
     assert {"exx", "exx_windowed"} <= set(finite.regions["interior"])
+
+
+def test_score_since_a_frame_compares_with_the_geometry_of_both_frames(scene: st.Scene, truth: xr.Dataset) -> None:
+    """The trapezoidal rule over 7° per frame is the only error of exact velocities."""
+    maps = {name: truth[name] for name in ("depth", "velocity")}
+    estimate = xr.Dataset(maps, attrs={name: value for name, value in truth.attrs.items() if name != "scenetruth"})
+    gauge = {"measure": "hencky", "window": 3, "step": 2, "subset_px": 0}
+    found = st.score_strain(estimate, truth, scene, settings=gauge, since=-1, margin_px=2)
+    assert found.metadata["since"] == -1
+    pixels, windows = found.regions["all"]["e1"], found.regions["all"]["e1_windowed"]
+    assert windows["rmse"] == pytest.approx(0, abs=1e-14)
+    # (0.12 rad)³ / 12 for every frame, and half a frame less on average.
+    assert pixels["rmse"] is not None
+    assert 1e-6 < pixels["rmse"] < 5e-4
+    assert int(pixels["count"] or 0) > 300
 
 
 def test_problems_of_truths_and_scores(scene: st.Scene, truth: xr.Dataset) -> None:

@@ -502,6 +502,7 @@ def strain(
     order: options.StrainOrder = 1,
     weights: options.StrainWeights = options.StrainWeight.uniform,
     subset_px: options.SubsetPx = None,
+    since: options.SinceFrame = None,
     overwrite: options.Overwrite = False,
     allow_mismatch: options.AllowMismatch = False,
     as_json: options.Json = False,
@@ -512,7 +513,9 @@ def strain(
 
     wanted = {"measure": measure.value, "window": window, "step": step, "order": order, "weights": weights.value}
     settings: StrainSettings = strain_settings({**wanted, "subset_px": subset_px})
-    done = run_strain(run, output, method=method, settings=settings, overwrite=overwrite, allow_mismatch=allow_mismatch)
+    done = run_strain(
+        run, output, method=method, settings=settings, since=since, overwrite=overwrite, allow_mismatch=allow_mismatch
+    )
     if as_json:
         scored = None if done.score is None else done.score.to_dict()
         typer.echo(json.dumps({"score": scored, "good_practice": done.practice.to_dict()}, indent=2))

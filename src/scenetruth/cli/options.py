@@ -35,11 +35,11 @@ __all__ = [
     "MeshDistanceMm", "Method", "Methods", "OptionalOutput", "OptionalSceneFile", "OptionalSeeds", "Output",
     "Overrides", "Overwrite", "PartOf", "RecipeFile", "Regenerate", "Region", "Report", "ResultPath", "Retries", "Row",
     "RunPath", "SampleNumber", "Samples", "SaveImages", "SaveRadiance", "SceneFile", "SceneFiles", "SceneSeed",
-    "Scheduler", "SchemaFile", "SchemaKind", "SchemaOf", "Seed", "Seeds", "Settings", "StrainChoice", "StrainMeasure",
-    "StrainMethod", "StrainOrder", "StrainStep", "StrainWeight", "StrainWeights", "StrainWindow", "SubsetPx",
-    "TemplateFile", "TemplateType", "Texture", "Threads", "TruthContent", "TruthContentChoice", "TruthPoses",
-    "TruthPosesChoice", "TruthViews", "TruthViewsChoice", "Type", "UnitMm", "Workers", "add_command", "flag", "helpers",
-    "option", "parse_assignments", "read_settings", "repeatable", "with_settings",
+    "Scheduler", "SchemaFile", "SchemaKind", "SchemaOf", "Seed", "Seeds", "Settings", "SinceFrame", "StrainChoice",
+    "StrainMeasure", "StrainMethod", "StrainOrder", "StrainStep", "StrainWeight", "StrainWeights", "StrainWindow",
+    "SubsetPx", "TemplateFile", "TemplateType", "Texture", "Threads", "TruthContent", "TruthContentChoice",
+    "TruthPoses", "TruthPosesChoice", "TruthViews", "TruthViewsChoice", "Type", "UnitMm", "Workers", "add_command",
+    "flag", "helpers", "option", "parse_assignments", "read_settings", "repeatable", "with_settings",
 ]  # fmt: skip
 
 
@@ -488,6 +488,13 @@ StrainWeights = Annotated[StrainWeight, typer.Option("--weights", help="Weights 
 SubsetPx = Annotated[
     float | None,
     option("--subset-px", metavar="PX", help="Subset of the displacements, in px; from the estimate if not given."),
+]
+
+SinceFrame = Annotated[
+    int | None,
+    option(
+        "--since", metavar="T", help="Frame of the reference configuration of all frames; each its own if not given."
+    ),
 ]
 
 Regenerate = Annotated[

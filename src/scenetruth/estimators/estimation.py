@@ -498,7 +498,7 @@ def prepare(
 
 
 _STATED_DISPARITIES = ("disparity_px", "working_point_px")
-_TRAVELLING = ("scene", "scene_hash", "recording_hash")
+_TRAVELLING = ("scene", "scene_hash", "recording_hash", "distortion")
 
 
 def requirements(recording: xr.Dataset, method: Estimator, settings: FrozenModel) -> list[Problem]:

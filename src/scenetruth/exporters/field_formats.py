@@ -112,8 +112,10 @@ class Hdf5(PointOptions):
     packages: ClassVar[tuple[str, ...]] = ("h5py",)
 
     def problems(self, source: ExportSource) -> Iterator[Problem]:
-        """Yield nothing: all maps can be written."""
+        """Yield a frame of reference that does not exist; all maps can be written."""
         yield from ExportFormat.problems(self, source)
+        if self.since is not None:
+            yield from (problem for problem in super().problems(source) if problem.path in ("since", "velocity"))
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:
         """Write the file."""

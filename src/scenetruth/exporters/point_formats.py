@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,6 @@ from scenetruth.exporters.image_files import image_name
 from scenetruth.exporters.surface_points import STRAINS, PointTable, SurfaceFrame
 
 __all__ = ["DicePoints", "MatchidPoints", "PointCsv", "Vic3dPoints"]
-
-Array = NDArray[np.float64]
 
 _MEASURES = {"green_lagrange": "Lagrange", "hencky": "Hencky", "engineering": "Engineering"}
 
@@ -34,7 +32,7 @@ class PointCsv(PointTable):
     """Name of the format."""
     summary: ClassVar[str] = "points, displacements and strains as .csv with units"
 
-    def columns(self, frame: SurfaceFrame, source: ExportSource) -> Mapping[str, Array]:
+    def columns(self, frame: SurfaceFrame, source: ExportSource) -> Mapping[str, NDArray[Any]]:
         """Return the columns."""
         columns, rows = frame.pixels()
         found = {"x [px]": columns, "y [px]": rows}
@@ -56,7 +54,7 @@ class Vic3dPoints(PointTable):
     so on for ``eyy``, ``exy``, ``e1``, ``e2``, with the measure in the name; ``gamma [deg]``, the angle of the first
     principal strain; ``sigma [pixel]``, the standard deviation of disparity in px, 0 for a truth and empty if an
     estimate does not state it; ``x [pixel]``, ``y [pixel]``, and the displacement in the image ``u [pixel]``,
-    ``v [pixel]``. Displacements lead to the next frame, not from the first one. Lost: as for ``point_csv``, and
+    ``v [pixel]``. Displacements lead to the next frame unless ``since`` is set. Lost: as for ``point_csv``, and
     standard deviations of strain.
     """
 
@@ -64,7 +62,7 @@ class Vic3dPoints(PointTable):
     """Name of the format."""
     summary: ClassVar[str] = "points, displacements and strains in the columns of VIC-3D"
 
-    def columns(self, frame: SurfaceFrame, source: ExportSource) -> Mapping[str, Array]:
+    def columns(self, frame: SurfaceFrame, source: ExportSource) -> Mapping[str, NDArray[Any]]:
         """Return the columns."""
         columns, rows = frame.pixels()
         flow = frame.image_motion()
@@ -93,12 +91,12 @@ class DicePoints(PointTable):
     """The strain tensor of DICe."""
     summary: ClassVar[str] = "points, displacements and strains in the columns of DICe"
 
-    def columns(self, frame: SurfaceFrame, source: ExportSource) -> Mapping[str, Array]:
+    def columns(self, frame: SurfaceFrame, source: ExportSource) -> Mapping[str, NDArray[Any]]:
         """Return the columns."""
         columns, rows = frame.pixels()
         flow, empty = frame.image_motion(), np.full(columns.shape, np.nan)
-        found: dict[str, Array] = {
-            "SUBSET_ID": np.cumsum(frame.known.ravel()).reshape(columns.shape) - 1,
+        found: dict[str, NDArray[Any]] = {
+            "SUBSET_ID": np.asarray(np.cumsum(frame.known.ravel()).reshape(columns.shape) - 1),
             "COORDINATE_X": columns,
             "COORDINATE_Y": rows,
             "DISPLACEMENT_X": flow[0],
@@ -136,7 +134,7 @@ class MatchidPoints(PointTable):
     """Name of the format."""
     summary: ClassVar[str] = "points, displacements and strains in the columns of MatchID"
 
-    def columns(self, frame: SurfaceFrame, source: ExportSource) -> Mapping[str, Array]:
+    def columns(self, frame: SurfaceFrame, source: ExportSource) -> Mapping[str, NDArray[Any]]:
         """Return the columns."""
         columns, rows = frame.pixels()
         found = {"Coordinates.Image X [Pixel]": columns, "Coordinates.Image Y [Pixel]": rows}

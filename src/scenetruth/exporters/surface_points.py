@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import xarray as xr
@@ -13,13 +13,10 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from scenetruth.errors import Problem
-from scenetruth.exporters.camera_geometry import compute_pose, point_problems, points_in_world
+from scenetruth.exporters.camera_geometry import compute_pose, point_problems, points_in_world, project
 from scenetruth.exporters.export_source import ExportSource
 from scenetruth.exporters.format_base import ExportFormat
 from scenetruth.exporters.image_files import image_name
-
-if TYPE_CHECKING:
-    from scenetruth.strain import StrainSettings
 
 __all__ = ["STRAINS", "PointOptions", "PointTable", "SurfaceFrame"]
 
@@ -30,25 +27,29 @@ STRAINS = ("exx", "eyy", "exy", "e1", "e2")
 
 
 class SurfaceFrame:
-    """Points of one frame on a lattice of pixels, with their displacements to the next frame and strains.
+    """Points on a lattice of pixels of a frame, with displacements and strains.
 
     ``points``, ``moved``: Positions and displacements in the world, mm, shape (3, y, x); ``known`` where both are
-    finite. ``maps``: The strain data set of the frame.
+    finite. ``maps``: The strain data set of the frame. ``home``: Frame of the points. ``later``: Frame to which the
+    displacements lead, if points are tracked.
     """
 
-    def __init__(self, source: ExportSource, t: int, settings: StrainSettings, *, y_up: bool) -> None:
-        from scenetruth.strain import compute_strain
-
-        frame = source.maps.sel(t=[t])
-        self.maps: xr.Dataset = compute_strain(frame, settings=settings).isel(t=0)
-        self._source, self._t, self._y_up = source, t, y_up
-        self._lattice = tuple(
+    def __init__(
+        self, source: ExportSource, home: int, maps: xr.Dataset, *, y_up: bool, later: int | None = None
+    ) -> None:
+        self.maps = maps
+        self._source, self._t, self._y_up, self._later = source, home, y_up, later
+        self._rows, self._columns = (
             np.searchsorted(np.asarray(source.maps[dim].values), self.maps[dim].values) for dim in ("y", "x")
         )
-        pose = compute_pose(source, 0, t)
-        self.points = self._turned(points_in_world(source, 0, t)[(slice(None), *np.ix_(*self._lattice))])
+        pose = compute_pose(source, 0, home)
+        self.points = self._turned(self._at_points(points_in_world(source, 0, home)))
         self.moved = self._turned(np.einsum("ij,jyx->iyx", pose.axes, self.maps["displacement"].values))
         self.known = np.isfinite(self.points).all(axis=0) & np.isfinite(self.moved).all(axis=0)
+
+    def _at_points(self, values: Array) -> Array:
+        """Return a map of all pixels at the points."""
+        return np.asarray(values[..., self._rows[:, None], self._columns])
 
     def _turned(self, vectors: Array) -> Array:
         """Return vectors of the world along the chosen axes."""
@@ -67,7 +68,7 @@ class SurfaceFrame:
         """Return a map of the source at the points, components first; NaN if it has none."""
         if name not in self._source.maps:
             return np.full(self.known.shape, np.nan)
-        return self._source.map(name, 0, self._t)[(..., *np.ix_(*self._lattice))]
+        return self._at_points(self._source.map(name, 0, self._t))
 
     def pixels(self) -> tuple[Array, Array]:
         """Return the columns and rows of the points, in px of the camera."""
@@ -81,6 +82,11 @@ class SurfaceFrame:
 
     def image_motion(self) -> Array:
         """Return the displacements in the image, px, shape (2, y, x)."""
+        if self._later is not None:
+            ends = self._turned(self.points + self.moved).reshape(3, -1)
+            pixels = project(self._source, ends, compute_pose(self._source, 0, self._later))
+            start = np.stack(np.meshgrid(self._columns, self._rows)).reshape(2, -1)
+            return np.asarray(self._source.step_px * (pixels - start)).reshape(2, *self.known.shape)
         name = "flow_next" if "flow_next" in self._source.maps else "flow"
         values = self.map(name)
         return values if values.ndim == 3 else np.stack([values, values])
@@ -99,6 +105,9 @@ class PointOptions(ExportFormat):
     """Order of the polynomial of the strain window."""
     weights: Literal["uniform", "gaussian"] = "uniform"
     """Weights of the strain window."""
+    since: int | None = None
+    """Frame of the reference configuration of all frames, whose points are tracked; null: each frame is its own, with
+    displacements to the next one."""
     axes: Literal["camera", "y_up"] = "camera"
     """``camera``: X right, Y down, Z forward; ``y_up``: X right, Y up, Z towards the camera."""
 
@@ -118,22 +127,37 @@ class PointOptions(ExportFormat):
             yield Problem("depth", "is missing; strain is computed from depth and motion")
         if "displacement_next" not in source.maps and "velocity" not in source.maps:
             yield Problem("velocity", "is missing; displacements need it, or a complete truth")
+        elif self.since is not None and "velocity" not in source.maps:
+            yield Problem("velocity", "is missing; it is integrated from the frame of reference")
+        if self.since is not None and self.since not in source.frames:
+            yield Problem("since", f"must be one of the frames {source.frames}", self.since)
+        elif self.since is not None and len(source.frames) < 2:
+            yield Problem("since", "needs two or more frames with maps; estimate further frames", self.since)
 
     def frames(self, source: ExportSource) -> Iterator[tuple[int, SurfaceFrame]]:
         """Yield all frames of the reference camera with their points."""
-        from scenetruth.strain import StrainSettings
+        from scenetruth.strain import StrainSettings, compute_strain
 
         names = ("measure", "window", "step", "order", "weights")
         settings = StrainSettings(**{name: getattr(self, name) for name in names})
-        for t in source.frames:
-            yield t, SurfaceFrame(source, t, settings, y_up=self.axes == "y_up")
+        y_up = self.axes == "y_up"
+        if self.since is None:
+            for t in source.frames:
+                maps = compute_strain(source.maps.sel(t=[t]), settings=settings).isel(t=0)
+                yield t, SurfaceFrame(source, t, maps, y_up=y_up)
+            return
+        strain = compute_strain(source.maps.sel(t=source.frames), settings=settings, since=self.since)
+        for n, t in enumerate(source.frames):
+            yield t, SurfaceFrame(source, self.since, strain.isel(t=n), y_up=y_up, later=t)
 
     def notes(self, source: ExportSource, gauge_px: float, count: int) -> list[str]:
         """Return the notes of an export."""
-        finite = "displacement_next" in source.maps
-        motion = (
-            "from frame t to t + 1" if finite else "the velocity at frame t over one frame, not a finite displacement"
-        )
+        if self.since is not None:
+            motion = f"from frame {self.since} to frame t, integrated from velocities"
+        elif "displacement_next" in source.maps:
+            motion = "from frame t to t + 1"
+        else:
+            motion = "the velocity at frame t over one frame, not a finite displacement"
         found = [f"{count} points; U, V, W: {motion}; strain gauge {gauge_px:g} px"]
         return found if len(source.views) == 1 else [*found, "only the points of the reference camera (s = 0)"]
 
@@ -144,7 +168,7 @@ class PointTable(PointOptions):
     ending: ClassVar[str] = "csv"
 
     @abstractmethod
-    def columns(self, frame: SurfaceFrame, source: ExportSource) -> Mapping[str, Array]:
+    def columns(self, frame: SurfaceFrame, source: ExportSource) -> Mapping[str, NDArray[Any]]:
         """Return the columns by their names, maps (y, x)."""
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:

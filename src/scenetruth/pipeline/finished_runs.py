@@ -177,6 +177,7 @@ def run_strain(
     *,
     method: str | None = None,
     settings: StrainSettings,
+    since: int | None = None,
     overwrite: bool = False,
     allow_mismatch: bool = False,
 ) -> StrainRun:
@@ -202,8 +203,8 @@ def run_strain(
         maps = load_store(run.paths(method).estimate, kind="estimate")
         if truth is not None:
             scene = load_scene(run.scene) if run.scene.exists() else None
-            score = score_strain(maps, truth, scene, settings=settings, allow_mismatch=allow_mismatch)
-    strain = compute_strain(maps, settings=settings)
+            score = score_strain(maps, truth, scene, settings=settings, since=since, allow_mismatch=allow_mismatch)
+    strain = compute_strain(maps, settings=settings, since=since)
     practice = report_good_practice(recording, maps if method is not None else None, strain)
     with write_atomically(output, overwrite=overwrite, claim=claim) as partial:
         partial.mkdir()

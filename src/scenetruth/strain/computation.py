@@ -12,15 +12,11 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from scenetruth.errors import Problem, ScoreError
-from scenetruth.schema import Intrinsics, label, read_intrinsics
+from scenetruth.schema import label
 from scenetruth.scoring.common_errors import CommonField, MeasuredPoints
-from scenetruth.scoring.error_pairs import (
-    PixelCoordinates,
-    compute_pixel_coordinates,
-    compute_surface_points,
-    find_valid_pixels,
-)
+from scenetruth.scoring.error_pairs import PixelCoordinates, find_valid_pixels
 from scenetruth.scoring.growth_rate import label_depth_segments
+from scenetruth.strain.camera_rays import CameraRays
 from scenetruth.strain.gauge import (
     StrainGauge,
     StrainSettings,
@@ -35,6 +31,7 @@ from scenetruth.strain.strain_tensors import (
     principal_stds,
     principal_strain,
 )
+from scenetruth.strain.tracking import track_displacements
 from scenetruth.strain.window_fit import FitWindow, correlation_factor, fit_derivatives
 
 __all__ = ["STRAIN_NONE", "STRAIN_NO_ESTIMATE", "STRAIN_WINDOW", "compute_strain", "reference_view"]
@@ -56,6 +53,7 @@ def compute_strain(
     settings: StrainSettings | Mapping[str, Any] | None = None,
     displacement: ArrayLike | xr.DataArray | None = None,
     displacement_std: ArrayLike | xr.DataArray | None = None,
+    since: int | None = None,
 ) -> xr.Dataset:
     """Return the strain of the surfaces of an estimate or a truth, with a stated gauge and standard deviations.
 
@@ -85,6 +83,9 @@ def compute_strain(
     displacement_std
         Standard deviations of given displacements, mm, of the same shape; independent unless the settings state a
         correlation.
+    since
+        Frame of the reference configuration for all frames: its points are tracked by the velocities, and the maps of
+        every frame are those of its pixels. Default: the reference configuration of every frame is the frame itself.
 
     Returns
     -------
@@ -120,9 +121,10 @@ def compute_strain(
     ('t', 'y', 'x') 0.010101 23.0
     """
     chosen = strain_settings(settings)
-    motion = _Motion.of(dataset, chosen, displacement, displacement_std)
+    motion = _Motion.of(dataset, chosen, displacement, displacement_std, since)
     view = reference_view(dataset)
-    intrinsics, grid = read_intrinsics(view), compute_pixel_coordinates(view)
+    camera = CameraRays.of(view)
+    intrinsics, grid = camera.intrinsics, camera.grid
     lattice = slice(min(chosen.step, *grid_sizes(view)) // 2, None, chosen.step)
     spacing = chosen.step * grid.step_px[0], chosen.step * grid.step_px[1]
     correlation = read_correlation_px(view) if chosen.correlation_sigma_px is None else chosen.correlation_sigma_px
@@ -130,12 +132,13 @@ def compute_strain(
         correlation = 0.0
     window = FitWindow(chosen.axis_weights(), chosen.order, chosen.min_coverage, spacing)
     points = PixelCoordinates(grid.y[lattice], grid.x[lattice])
-    common = None if motion.is_given else CommonField.from_estimate(view)
+    common = None if motion.is_given or since is not None else CommonField.from_estimate(dataset)
+    homes = range(view.sizes["t"]) if since is None else [_index(view, since)] * view.sizes["t"]
     frames = [
-        _Frame(view.isel(t=n), motion, n, chosen, grid, lattice, intrinsics).strain(
-            window, correlation, common, view.isel(t=[n])
+        _Frame(view.isel(t=home), motion, n, chosen, camera, lattice).strain(
+            window, correlation, common, view.isel(t=[home])
         )
-        for n in range(view.sizes["t"])
+        for n, home in enumerate(homes)
     ]
     arrays = {name: np.stack([frame[name] for frame in frames], axis=-3) for name in frames[0]}
     depth = arrays["point"][2][arrays["valid"]]
@@ -200,9 +203,12 @@ class _Motion:
         chosen: StrainSettings,
         displacement: ArrayLike | xr.DataArray | None,
         displacement_std: ArrayLike | xr.DataArray | None,
+        since: int | None,
     ) -> _Motion:
         """Return the motion, or raise with every problem."""
         problems = list(_dataset_problems(dataset, chosen, given=displacement is not None))
+        if since is not None and not problems:
+            problems += _since_problems(dataset, chosen, since, given=displacement is not None)
         if chosen.measure == "rate" and displacement is not None:
             problems.append(Problem("displacement", "must not be given for the rate, which follows from the velocity"))
         if displacement_std is not None and displacement is None:
@@ -215,6 +221,10 @@ class _Motion:
             values = _shaped("displacement", displacement, shape)
             std = None if displacement_std is None else _shaped("displacement_std", displacement_std, shape)
             return cls(values, None if std is None else std**2, "given", is_given=True)
+        if since is not None:
+            tracked = track_displacements(view, _index(view, since), math.tan(math.radians(chosen.max_slope_deg)))
+            variances = None if tracked.stds is None else tracked.stds**2
+            return cls(tracked.values, variances, f"velocity, integrated from frame {since}", is_given=False)
         if chosen.measure != "rate" and "displacement_next" in view:
             return cls(_array(view["displacement_next"]), None, "displacement_next", is_given=False)
         source = "velocity" if chosen.measure == "rate" else _STEADY
@@ -234,6 +244,22 @@ def _dataset_problems(dataset: xr.Dataset, chosen: StrainSettings, *, given: boo
     displaced = chosen.measure != "rate" and "displacement_next" in dataset
     if "velocity" not in dataset and not given and not displaced:
         yield Problem("velocity", "is missing; give it, or `displacement`", names)
+
+
+def _since_problems(dataset: xr.Dataset, chosen: StrainSettings, since: int, *, given: bool) -> Iterator[Problem]:
+    frames = dataset["t"].values.tolist()
+    if isinstance(since, bool) or since not in frames:
+        yield Problem("since", f"must be one of the frames {frames}", since)
+    elif len(frames) < 2:
+        yield Problem("since", "needs two or more frames with maps; estimate further frames, or omit it", since)
+    if given or chosen.measure == "rate":
+        yield Problem("since", "does not apply to given displacements or to the rate", since)
+    if "velocity" not in dataset:
+        yield Problem("velocity", "is missing; `since` integrates it")
+
+
+def _index(view: xr.Dataset, t: int) -> int:
+    return int(np.flatnonzero(view["t"].values == t)[0])
 
 
 def _shaped(name: str, given: ArrayLike | xr.DataArray, shape: tuple[int, ...]) -> Map:
@@ -269,37 +295,37 @@ class _Frame:
         motion: _Motion,
         number: int,
         chosen: StrainSettings,
-        grid: PixelCoordinates,
+        camera: CameraRays,
         lattice: slice,
-        intrinsics: Intrinsics,
     ) -> None:
         self._chosen, self._lattice = chosen, (..., lattice, lattice)
         depth = _array(maps["depth"])
         self._moved, self._steady = motion.values[:, number], motion.source == _STEADY
         full = maps.expand_dims("t")
         valid = find_valid_pixels(full, "depth" if motion.is_given else "velocity")[0]
-        self._known = valid & np.isfinite(depth) & np.isfinite(self._moved).all(axis=0)
+        self._points = camera.points(depth)
+        self._known = valid & np.isfinite(self._points).all(axis=0) & np.isfinite(self._moved).all(axis=0)
         joined = np.where(self._known | ("mixed" in maps), depth, np.nan)
         segments = label_depth_segments(
             joined,
-            intrinsics.focal_length_px,
+            camera.intrinsics.focal_length_px,
             chosen.max_slope_deg,
             objects=maps["object_id"].values if "object_id" in maps else None,
-            step_px=grid.step_px,
+            step_px=camera.grid.step_px,
         )
         segments = np.where(self._known, segments, np.int32(-1)).astype(np.int32)
         self._segments = np.ascontiguousarray(segments[self._lattice])
-        self._points = compute_surface_points(depth, intrinsics, grid)
         self._variances = self._stated_variances(maps, motion, number)
 
     def _stated_variances(self, maps: xr.Dataset, motion: _Motion, number: int) -> Map | None:
-        """Return the variances of the three displacements and of depth at the points, shape (4, y, x)."""
+        """Return the variances of displacements and depth at the points, and where they are not stated, (5, y, x)."""
         if motion.variances is None:
             return None
         depth = None if motion.is_given else _pixel_variances(maps, "depth")
         of_depth = np.zeros(self._known.shape) if depth is None else depth
         found = np.concatenate([motion.variances[:, number], of_depth[None]])
-        return np.where(np.isfinite(found), found, np.inf)[self._lattice]
+        missing = ~np.isfinite(found)
+        return np.concatenate([np.where(missing, 0.0, found), missing.any(axis=0)[None]])[self._lattice]
 
     def strain(
         self, window: FitWindow, correlation_px: float, common: CommonField | None, now: xr.Dataset
@@ -310,17 +336,14 @@ class _Frame:
         modes = None if variances is None or common is None else self._modes(common, now)
         fields = [points, moved] + ([] if modes is None else [modes.reshape(-1, *moved.shape[1:])])
         known = self._segments >= 0
-        stated = variances is not None and bool(np.isfinite(variances[:, known]).all())
-        fit = fit_derivatives(
-            np.where(known, np.concatenate(fields), 0.0), self._segments, window, variances if stated else None
-        )
+        fit = fit_derivatives(np.where(known, np.concatenate(fields), 0.0), self._segments, window, variances)
         valid = fit.fitted
         some = SurfaceStrain(fit.values[:, :3, valid], fit.values[:, 3:6, valid], self._chosen.measure, self._steady)
         strain = some.values()
         principal = principal_strain(strain)
         columns = dict(zip(COMPONENTS_OF_STRAIN, strain, strict=True))
         columns |= dict(zip(PRINCIPAL, (principal.larger, principal.smaller, principal.angle), strict=True))
-        if stated:
+        if variances is not None:
             covariance = self._covariance(some, fit.covariances[..., valid], window, correlation_px, valid)
             if modes is not None:
                 shared = self._common(some, fit.values[:, 6:, valid], len(modes))
@@ -352,10 +375,11 @@ class _Frame:
         across, down = correlation_factor(window, correlation_px)
         scale = np.array([[across, math.sqrt(across * down)], [math.sqrt(across * down), down]])
         spread = scale[:, :, None, None] * covariances
-        by_moved, by_points = some.sensitivities()
+        by_moved, by_depth = some.sensitivities(), some.slope_sensitivities(self._rays(valid))
         found = np.einsum("micn,ijcn,kjcn->mkn", by_moved, spread[:, :, :3], by_moved, optimize=True)
-        by_depth = np.einsum("micn,cn->min", by_points, self._rays(valid))
-        return np.asarray(found + np.einsum("min,ijn,kjn->mkn", by_depth, spread[:, :, 3], by_depth, optimize=True))
+        found = found + np.einsum("min,ijn,kjn->mkn", by_depth, spread[:, :, 3], by_depth, optimize=True)
+        # Windows with points whose standard deviation is not stated have none.
+        return np.where(np.einsum("iin->n", spread[:, :, 4]) > 0, np.nan, found)
 
     def _modes(self, common: CommonField, now: xr.Dataset) -> Map:
         """Return the errors of displacements and points by every mode of a calibration, shape (mode, 2, 3, y, x)."""
@@ -378,11 +402,8 @@ class _Frame:
     @staticmethod
     def _common(some: SurfaceStrain, derivatives: Map, count: int) -> Map:
         """Return the covariance of strain by the modes of a calibration, shape (3, 3, n)."""
-        by_moved, by_points = some.sensitivities()
         each = derivatives.reshape(2, count, 2, 3, -1)
-        errors = np.einsum("micn,ibcn->bmn", by_moved, each[:, :, 0]) + np.einsum(
-            "micn,ibcn->bmn", by_points, each[:, :, 1]
-        )
+        errors = np.stack([some.changes(each[:, n, 1], each[:, n, 0]) for n in range(count)])
         return np.asarray(np.einsum("bmn,bkn->mkn", errors, errors))
 
 

@@ -176,5 +176,6 @@ def read_method_settings(dataset: xr.Dataset) -> dict[str, Any]:
 def _length(settings: Mapping[str, Any], name: str) -> float:
     """Return a positive length from settings; NaN if there is none."""
     value = settings.get(name)
-    usable = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and value > 0
-    return float(value) if usable else math.nan
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or value <= 0:
+        return math.nan
+    return float(value)

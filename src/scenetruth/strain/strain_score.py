@@ -115,6 +115,7 @@ def score_strain(
     scene: SceneLike | None = None,
     *,
     settings: StrainSettings | Mapping[str, Any] | None = None,
+    since: int | None = None,
     margin_px: float = 20.0,
     allow_mismatch: bool = False,
 ) -> StrainScore:
@@ -131,6 +132,8 @@ def score_strain(
         truth is complete.
     settings
         As for `compute_strain`.
+    since
+        As for `compute_strain`: the frame of the reference configuration of all frames.
     margin_px
         Minimum distance of the region ``interior`` from silhouettes and creases, px.
     allow_mismatch
@@ -182,22 +185,26 @@ def score_strain(
         raise ScoreError(wrong)
     if not allow_mismatch:
         check_same_run({"truth": truth.attrs, "estimate": estimate.attrs})
-    found = compute_strain(estimate, settings=chosen)
+    found = compute_strain(estimate, settings=chosen, since=since)
     given, exact = align(estimate, truth)
     used = find_valid_pixels(given, "velocity")
     used &= np.isfinite(given["depth"].values) & np.isfinite(given["velocity"].values).all(axis=0)
     motion = [name for name in ("velocity", "displacement_next") if name in exact]
     masked = exact.assign({name: exact[name].where(xr.DataArray(used, dims=("t", "y", "x"))) for name in motion})
-    windowed = compute_strain(masked, settings=chosen)
+    windowed = compute_strain(masked, settings=chosen, since=since)
     at = {dim: found[dim].values for dim in ("t", "y", "x")}
-    pixels = _exact(truth, scene, chosen)
+    pixels = _exact(exact, scene, chosen, since)
     factor = percent_per_hour(read_intrinsics(found)) if chosen.measure == "rate" else 1.0
     view = reference_view(exact)
+    masks = main_regions(exact, margin_px)
+    if since is not None:
+        home = int(np.flatnonzero(view["t"].values == since)[0])
+        # In the reference frame itself there is no strain, and no error.
+        others = (view["t"].values != since)[:, None, None]
+        masks = {name: mask[home] & others for name, mask in masks.items()}
+    places = {dim: view[dim] for dim in ("t", "y", "x")}
     regions = {
-        name: xr.DataArray(mask, dims=("t", "y", "x"), coords={dim: view[dim] for dim in ("t", "y", "x")})
-        .sel(at)
-        .values
-        for name, mask in main_regions(exact, margin_px).items()
+        name: xr.DataArray(mask, dims=("t", "y", "x"), coords=places).sel(at).values for name, mask in masks.items()
     }
     compared = [("", None if pixels is None else pixels.sel(at)), (_WINDOWED, windowed)]
     statistics = {
@@ -217,12 +224,19 @@ def score_strain(
     }
     names = ("measure", "window", "step", "order", "weights", "step_px", "subset_px", "gauge_length_px")
     stated = {name: found.attrs[name] for name in (*names, "gauge_length_mm") if name in found.attrs}
+    stated |= {} if since is None else {"since": int(since)}
     stated |= {"margin_px": float(margin_px), "method": str(estimate.attrs.get("method", "external"))}
     return StrainScore(statistics, "%/h" if chosen.measure == "rate" else "1", stated)
 
 
-def _exact(truth: xr.Dataset, scene: SceneLike | None, chosen: StrainSettings) -> xr.Dataset | None:
+def _exact(truth: xr.Dataset, scene: SceneLike | None, chosen: StrainSettings, since: int | None) -> xr.Dataset | None:
     """Return the exact strain of all pixels; None if it cannot be computed."""
     if chosen.measure == "rate":
         return compute_true_strain(truth, settings=chosen) if "principal_growth_rates" in truth else None
-    return None if scene is None else compute_true_strain(truth, scene, settings=chosen)
+    if scene is None:
+        return None
+    if since is None:
+        return compute_true_strain(truth, scene, settings=chosen)
+    frames = truth["t"].values
+    found = compute_true_strain(truth.sel(t=[since] * len(frames)), scene, settings=chosen, times=frames.tolist())
+    return found.assign_coords(t=frames)

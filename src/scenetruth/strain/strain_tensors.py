@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +63,7 @@ class SurfaceStrain:
     measure: StrainMeasure
     steady: bool = False
 
-    @property
+    @cached_property
     def axes(self) -> Values:
         """Axes x and y of the tangent plane, shape (2, 3, n)."""
         normal = np.cross(self.points[0], self.points[1], axis=0)
@@ -72,14 +73,14 @@ class SurfaceStrain:
             along = along / np.linalg.norm(along, axis=0)
         return np.asarray(np.stack([along, np.cross(normal, along, axis=0)]))
 
-    @property
+    @cached_property
     def parameters(self) -> Values:
         """Changes of the parameters per mm along the axes, shape (parameter, axis, n)."""
         metric = np.einsum("icn,jcn->nij", self.points, self.points)
         along = np.einsum("icn,acn->nia", self.points, self.axes)
         return np.asarray(np.linalg.solve(metric, along).transpose(1, 2, 0))
 
-    @property
+    @cached_property
     def gradient(self) -> Values:
         """Derivatives of the displacements along the axes, shape (axis, 3, n)."""
         found = np.asarray(np.einsum("ian,icn->acn", self.parameters, self.moved))
@@ -110,36 +111,38 @@ class SurfaceStrain:
             [0.5 * ((axes[a] * gradient[b]).sum(axis=0) + (axes[b] * gradient[a]).sum(axis=0)) for a, b in _PAIRS]
         )
         if self.measure in ("engineering", "rate"):
-            return linear
+            return np.asarray(linear)
         green = linear + np.stack([0.5 * (gradient[a] * gradient[b]).sum(axis=0) for a, b in _PAIRS])
         if self.measure == "green_lagrange":
-            return green
+            return np.asarray(green)
         principal = principal_strain(green)
         with np.errstate(invalid="ignore", divide="ignore"):
             both = 0.5 * np.log1p(2 * np.stack([principal.larger, principal.smaller]))
         return _composed(both, principal.axes())
 
-    def sensitivities(self) -> tuple[Values, Values]:
-        """Return the derivatives of the strain by those of displacements and of points, each (3, 2, 3, n).
+    def sensitivities(self) -> Values:
+        """Return the derivatives of the strain by those of the displacements, shape (3, 2, 3, n)."""
+        parameters = self.parameters
+        ends = self.axes + self.gradient if self.measure in ("green_lagrange", "hencky") else self.axes
+        found = np.stack(
+            [0.5 * (parameters[:, a, None] * ends[b][None] + parameters[:, b, None] * ends[a][None]) for a, b in _PAIRS]
+        )
+        return np.einsum("mkn,kicn->micn", self._hencky_slope(), found) if self.measure == "hencky" else found
 
-        Errors of points that stretch them in their plane are omitted: they change the strain by their product with it.
-        """
-        parameters, gradient = self.parameters, self.gradient
-        ends = self.axes + gradient if self.measure in ("green_lagrange", "hencky") else self.axes
+    def slope_sensitivities(self, rays: Values) -> Values:
+        """Return the derivatives of the strain by those of depth, with points along rays (3, n), shape (3, 2, n)."""
+        before, found = self.values(), []
+        step = _STEP * np.linalg.norm(self.points, axis=1)
+        for i in range(2):
+            points = self.points.copy()
+            points[i] += step[i] * rays
+            found.append((replace(self, points=points).values() - before) / step[i])
+        return np.stack(found, axis=1)
 
-        def by(vectors: Values) -> Values:
-            return np.stack(
-                [
-                    0.5 * (parameters[:, a, None] * vectors[b][None] + parameters[:, b, None] * vectors[a][None])
-                    for a, b in _PAIRS
-                ]
-            )
-
-        moved, points = by(ends), by(gradient)
-        if self.measure != "hencky":
-            return moved, points
-        slope = self._hencky_slope()
-        return np.einsum("mkn,kicn->micn", slope, moved), np.einsum("mkn,kicn->micn", slope, points)
+    def changes(self, points: Values, moved: Values) -> Values:
+        """Return the changes of the strain by those of the derivatives of points and displacements, shape (3, n)."""
+        other = replace(self, points=self.points + points, moved=self.moved + moved)
+        return np.asarray(other.values() - self.values())
 
     def _hencky_slope(self) -> Values:
         """Return the derivatives of Hencky strain by Green-Lagrange strain, both (xx, yy, xy), shape (3, 3, n)."""
@@ -166,6 +169,7 @@ class SurfaceStrain:
 
 
 _SQUARINGS, _TERMS = 4, 12
+_STEP = 1e-7
 _EQUAL = 1e-9
 _UNITS = (np.array([[1.0, 0], [0, 0]]), np.array([[0, 0], [0, 1.0]]), np.array([[0, 1.0], [1.0, 0]]))
 """Tensors of which only xx, yy or xy is 1."""
@@ -192,7 +196,7 @@ def principal_stds(strain: Values, covariance: Values) -> Values:
         return np.stack([one[0] * other[0], one[1] * other[1], one[0] * other[1] + one[1] * other[0]])
 
     def variance(weights: Values) -> Values:
-        return np.maximum(np.einsum("mn,mkn,kn->n", weights, covariance, weights), 0.0)
+        return np.asarray(np.maximum(np.einsum("mn,mkn,kn->n", weights, covariance, weights), 0.0))
 
     first, second = variance(row(axes[0], axes[0])), variance(row(axes[1], axes[1]))
     mixed = variance(row(axes[0], axes[1]))

@@ -10,8 +10,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.errors import Problem, ScoreError
-from scenetruth.schema import label, read_intrinsics
-from scenetruth.scoring.error_pairs import compute_pixel_coordinates, compute_surface_points
+from scenetruth.schema import label
+from scenetruth.strain.camera_rays import CameraRays
 from scenetruth.strain.computation import STRAIN_NO_ESTIMATE, STRAIN_NONE, reference_view
 from scenetruth.strain.gauge import StrainSettings, strain_settings
 from scenetruth.strain.strain_tensors import COMPONENTS_OF_STRAIN, PRINCIPAL, SurfaceStrain, principal_strain
@@ -98,14 +98,15 @@ def compute_true_strain(
     else:
         assert scene is not None  # checked above
         found, moved = _finite(view, truth, scene, later, chosen)
-    intrinsics, grid = read_intrinsics(view), compute_pixel_coordinates(view)
+    camera = CameraRays.of(view)
+    intrinsics, grid = camera.intrinsics, camera.grid
     strain = np.stack(found, axis=1)
     principal = principal_strain(strain)
     columns = dict(zip(COMPONENTS_OF_STRAIN, strain, strict=True))
     columns |= dict(zip(PRINCIPAL, (principal.larger, principal.smaller, principal.angle), strict=True))
     valid = np.isfinite(strain).all(axis=0)
     depths = view["depth"].values.astype(np.float64)
-    points = np.stack([compute_surface_points(depth, intrinsics, grid) for depth in depths], axis=1)
+    points = np.stack([camera.points(depth) for depth in depths], axis=1)
     arrays: dict[str, Any] = {
         **columns,
         "valid": valid,
@@ -165,7 +166,7 @@ def _finite(
     found, moves = [], []
     for n, t in enumerate(view["t"].values):
         frame = view.isel(t=n)
-        turn = _camera_axes(truth, int(t))
+        turn = _camera_axes(truth, n)
         body = frame["object_id"].values
         here = body >= 0
         face = world.faces[world.face_offsets[body[here]] + frame["face_id"].values[here]]
@@ -187,12 +188,12 @@ def _finite(
     return found, np.stack(moves, axis=1)
 
 
-def _camera_axes(truth: xr.Dataset, t: int) -> Map:
+def _camera_axes(truth: xr.Dataset, n: int) -> Map:
     """Return the axes of the reference camera in the world, as columns."""
     if "camera_rotation_rad" not in truth or truth.attrs.get("truth_poses", "actual") != "actual":
         return np.eye(3)
     from scipy.spatial.transform import Rotation
 
-    turn = truth["camera_rotation_rad"].sel(t=t)
+    turn = truth["camera_rotation_rad"].isel(t=n)
     turn = turn.sel({dim: 0 for dim in ("s_y", "s") if dim in turn.dims})
     return np.asarray(Rotation.from_rotvec(turn.values.astype(np.float64)).as_matrix())

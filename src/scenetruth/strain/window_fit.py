@@ -81,6 +81,9 @@ def fit_derivatives(
     covariances = np.full((2, 2, *given.shape), np.nan)
     fitted = np.zeros(segments.shape, dtype=np.bool_)
     for number, box in enumerate(ndimage.find_objects(segments + 1)):
+        # A segment may have no point of the lattice.
+        if box is None:
+            continue
         inside = segments[box] == number
         for own, needed in _row_bands(inside.shape, window.reach):
             part = inside[needed]
