@@ -1,4 +1,4 @@
-"""Draw the pictures of gloss and transmission: image and maps of light of two scenes, ``python docs/_make/draw_light.py``."""
+"""Draw the pictures of gloss and transmission, with maps of light: ``python docs/_make/draw_light.py``."""
 
 from __future__ import annotations
 
