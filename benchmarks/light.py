@@ -13,9 +13,11 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 from benchmarks.jobs import heading, line
+from scipy.ndimage import gaussian_filter
 
 import scenetruth as st
-from scenetruth.benchmark.cases import METHOD_VALID
+from scenetruth.benchmark.cases import METHOD_VALID, all_cases
+from scenetruth.benchmark.design_point import add_noise
 from scenetruth.errors import EstimateWarning, SceneWarning
 from scenetruth.scoring.error_pairs import EstimateTruthPairs
 from scenetruth.scoring.regions import further_regions, main_regions
@@ -35,6 +37,7 @@ SCENE = {"frames.count": 5, "camera.width": 400, "camera.height": 300, "plants.0
 GLOSS = {"plants.0.material": {"refractive_index": 1.5, "roughness": 0.2}}
 MARGIN_PX = 10.0
 FAR = 6.0
+NOISE_STD = 0.005
 
 
 def compare_cases() -> None:
@@ -84,9 +87,34 @@ def compare_regions(methods: Sequence[str] = ("refined", "structure_tensor")) ->
                     print(line([name, method, region, *(f"{value:.2g}" for value in values)]))
 
 
+def compare_filtered(methods: Sequence[str] = ("structure_tensor", "refined")) -> None:
+    """Print the errors in a highlight with images as recorded, and without their smooth part."""
+    print("\n### gloss 0.1: images without their smooth part\n")
+    print(heading(["method", "Gaussian, px", "bias", "RMSE", "RMS z-score", "beyond 6, %", "valid, %"]))
+    case = all_cases()["gloss"]
+    ideal, truth = st.simulate(st.Scene.from_dict(case.scene(0.1)), truth_content=case.truth_content)
+    exact = truth.sel(t=[0])
+    region = case.region_at(truth.sel(t=0), 0.1)
+    recording = add_noise(ideal, NOISE_STD, case.kind, 0)
+    grey = recording["image"]
+    for method in methods:
+        settings = {"tau": "auto"} if method == "structure_tensor" else {}
+        for sigma in (0.0, 2.0, 3.0):
+            smooth = gaussian_filter(grey.values, (0, 0, sigma, sigma)) if sigma else 0.0
+            estimate = st.estimate(recording.assign(image=grey - smooth), method, settings)
+            pair = EstimateTruthPairs(estimate.sel(t=[0]), exact)["disparity"]
+            error = (pair.estimate - pair.truth)[0]
+            kept = region & np.isfinite(error) & (True if pair.full is None else pair.full[0])
+            assert pair.std is not None
+            found, z = error[kept], np.abs(error[kept] / pair.std[0][kept])
+            values = found.mean(), np.sqrt(np.mean(found**2)), np.sqrt(np.mean(z**2)), 100 * np.mean(z > FAR)
+            print(line([method, sigma, *(f"{value:.2g}" for value in (*values, 100 * kept.sum() / region.sum()))]))
+
+
 if __name__ == "__main__":
     with warnings.catch_warnings():
         for category in (SceneWarning, EstimateWarning, RuntimeWarning):
             warnings.simplefilter("ignore", category)
         compare_cases()
+        compare_filtered()
         compare_regions()
