@@ -19,16 +19,17 @@ import scenetruth as st
 from scenetruth.benchmark.cases import METHOD_VALID, all_cases
 from scenetruth.benchmark.design_point import add_noise
 from scenetruth.errors import EstimateWarning, SceneWarning
+from scenetruth.estimators import MethodSpec
 from scenetruth.scoring.error_pairs import EstimateTruthPairs
 from scenetruth.scoring.regions import further_regions, main_regions
 from scenetruth.settings import ScoreSettings
 
 METHODS = (
-    "structure_tensor",
-    "refined",
-    "plane_sweep",
-    "sgbm + farneback=opencv_scene_flow",
-    "bm + dis=opencv_scene_flow[stereo: bm, flow: dis]",
+    MethodSpec("structure_tensor"),
+    MethodSpec("refined"),
+    MethodSpec("plane_sweep"),
+    MethodSpec("opencv_scene_flow", label="sgbm + farneback"),
+    MethodSpec("opencv_scene_flow", {"stereo": "bm", "flow": "dis"}, label="bm + dis"),
 )
 CASES = ("gloss", "translucency")
 QUANTITIES = ("disparity", "velocity_x", "velocity_z")
