@@ -34,6 +34,16 @@ where growth varies over the surface, it shows the areal growth rate. `scenetrut
 scene, from the checkout or installed; `make gallery` redraws the pictures.
 """
 
+LIGHT = """## Light
+
+[Gloss and transmission](../how_to/scenes/light_and_materials.md#maps-of-light) of bundled scenes with other materials \
+and lamps, with maps of light (`python docs/_make/draw_light.py`).
+
+![Glossy rosette: image, share of specular light, lit fraction](../how_to/scenes/glossy_rosette.png)
+
+![Backlit leaf: image, share of transmitted light, lit fraction](../how_to/scenes/backlit_leaf.png)
+"""
+
 
 def comment_of(file: Path) -> str:
     """Return the leading comment of a scene file."""
@@ -137,7 +147,7 @@ def main(names: list[str]) -> None:
         title = f"[{file.stem}](../../scenes/{file.name})"
         picture = f"![The scene {file.stem}: image, depth, and how it moves](gallery/{file.stem}.png)"
         parts.append(f"## {title}\n\n{description}\n\n{picture}\n")
-    (ROOT / "docs" / "reference" / "scene_gallery.md").write_text("\n".join(parts), encoding="utf-8")
+    (ROOT / "docs" / "reference" / "scene_gallery.md").write_text("\n".join([*parts, LIGHT]), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ class LightCase(Case):
         for label, estimate in found.estimates.items():
             pairs = EstimateTruthPairs(estimate, found.truth)
             for quantity in self.quantities:
-                pair = pairs[quantity] if quantity in pairs else None
+                pair = pairs.get(quantity)
                 if pair is None or pair.std is None:
                     continue
                 with np.errstate(invalid="ignore", divide="ignore"):

@@ -132,7 +132,7 @@ class UncertaintySource:
     takes_contrast: ClassVar[bool] = False
     """Whether it changes the contrast of images, and therefore stays on while sensor sources are evaluated."""
     on_contrast: ClassVar[bool] = False
-    """Whether it is evaluated while the sources that change the contrast are on, such as gloss, which requires lamps."""
+    """Whether it is evaluated while the sources that change the contrast are on; gloss, for example, requires lamps."""
     coarse: ClassVar[bool] = False
     """Whether it is always simulated, because its prediction is incomplete."""
     of_surface: ClassVar[bool] = False

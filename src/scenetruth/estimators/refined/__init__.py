@@ -79,7 +79,9 @@ if TYPE_CHECKING:
         solve_with_prior,
     )
     from scenetruth.estimators.refined.row_bands import FIT_LIMITS, NO_OCCLUSION
+    from scenetruth.estimators.refined.smooth_light import SmoothLight
     from scenetruth.estimators.refined.systematic_error import (
+        Quantities,
         SystematicErrors,
         add_contradiction,
         extrapolation_share,
@@ -113,10 +115,12 @@ __all__ = [
     "MeanImage",
     "Model",
     "OtherViews",
+    "Quantities",
     "RefinedState",
     "Region",
     "RegionImages",
     "ShiftObservations",
+    "SmoothLight",
     "Sources",
     "Splines",
     "SystematicErrors",
@@ -232,8 +236,10 @@ __getattr__, __dir__ = export_lazily(
             "solve_with_prior"
         ),
         "row_bands": "FIT_LIMITS NO_OCCLUSION",
+        "smooth_light": "SmoothLight",
         "systematic_error": (
-            "SystematicErrors add_contradiction extrapolation_share list_spans polynomial_bias sees_second_camera"
+            "Quantities SystematicErrors add_contradiction extrapolation_share list_spans polynomial_bias "
+            "sees_second_camera"
         ),
         "tiles": "RegionImages choose_tiles margin_px spread_regions",
         "time_resolution": "choose_frames_beyond derivative_weights",

@@ -44,6 +44,7 @@ from scenetruth.estimators.refined.output_maps import (
 )
 from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
 from scenetruth.estimators.refined.pose_consistency import PoseErrors, compare_with_stated, estimate_pose_errors
+from scenetruth.estimators.refined.smooth_light import compare_without_smooth_light
 from scenetruth.estimators.refined.systematic_error import estimate_systematic_errors
 from scenetruth.estimators.refined.tiles import RegionImages, choose_tiles
 from scenetruth.estimators.refined.time_resolution import LARGEST_UNTESTED, check_time_resolution, join_frames
@@ -321,10 +322,12 @@ def _fit(
         return found, beside
     found = refit_motion_models(found, settings)
     found, systematic = estimate_systematic_errors(found, settings)
+    light = compare_without_smooth_light(found, settings, systematic.whole)
     if settings.discontinuity_refit:
         found, beside = refit_discontinuities(found.images, start.fields, found, settings, report)
     found = add_growth_bias(found)
-    found = replace(found, fit=systematic.added(found.fit, beside.where))
+    fit = light.added(found.fit, beside.where)
+    found = replace(found, fit=systematic.added(fit, beside.where))
     wide = found.images if beyond is None else join_frames(found.images, beyond)
     return check_time_resolution(found, beside.where, wide, settings), beside
 

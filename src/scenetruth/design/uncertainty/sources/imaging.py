@@ -368,8 +368,9 @@ class SpecularSource(UncertaintySource):
                 owner["material"] |= {"refractive_index": 1.0, "metallic": 0.0, "from_file": False}
 
     def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
-        """Return crossed polarisers."""
-        return Mitigation("crossed polarisers before lamps and camera", {self.kind: 0.1})
+        """Return images without their smooth part, or crossed polarisers."""
+        words = "images less their mean over a Gaussian of 2 px, or crossed polarisers before lamps and camera"
+        return Mitigation(words, {self.kind: 0.1})
 
     def _glossy(self, scene: Scene) -> list[float]:
         """Return the roughness of the materials with gloss."""
