@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.helpers.source_facts import facts_of
+
 SOURCE = Path(__file__).parents[1] / "src" / "scenetruth"
 TESTS = Path(__file__).parent
 
@@ -158,17 +160,15 @@ MAX_DEPTH = 3
 
 def imported_packages(file: Path) -> set[str]:
     packages = set()
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for node in facts_of(file).imports:
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
+        else:
             assert node.level == 0, f"{file}: relative import"
             assert node.module is not None
             names = [node.module]
             if node.module == "scenetruth":
                 names = [f"scenetruth.{alias.name}" for alias in node.names]
-        else:
-            continue
         packages |= {name.split(".")[1] for name in names if name.startswith("scenetruth.")}
     return packages
 
@@ -176,10 +176,10 @@ def imported_packages(file: Path) -> set[str]:
 def imported_modules(file: Path) -> set[str]:
     """Every module named by an import statement, also in functions and for type checkers only; names in it too."""
     found = set()
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+    for node in facts_of(file).imports:
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+        elif node.module is not None:
             found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
     return found
 
@@ -192,14 +192,14 @@ def import_graph(source: Path) -> dict[str, set[str]]:
         files[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
     graph: dict[str, set[str]] = {name: set() for name in files}
     for name, file in files.items():
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        for node in facts_of(file).imports:
             if isinstance(node, ast.Import):
-                graph[name] |= {alias.name for alias in node.names} & set(files)
-            elif isinstance(node, ast.ImportFrom):
+                graph[name] |= {alias.name for alias in node.names} & files.keys()
+            else:
                 # ``from package import module`` needs the module, not what the package exports.
                 inner = {f"{node.module}.{alias.name}" for alias in node.names}
-                graph[name] |= inner & set(files)
-                if inner - set(files) and node.module in files:
+                graph[name] |= inner & files.keys()
+                if inner - files.keys() and node.module in files:
                     graph[name].add(node.module)
     return graph
 
@@ -284,9 +284,8 @@ def public_classes(source: Path) -> dict[str, list[str]]:
     """Return where each public class of a package is defined, by its name."""
     places: dict[str, list[str]] = {}
     for file in sorted(source.rglob("*.py")):
-        for node in ast.parse(file.read_text(encoding="utf-8")).body:
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                places.setdefault(node.name, []).append(file.relative_to(source).as_posix())
+        for name in facts_of(file).public_classes:
+            places.setdefault(name, []).append(file.relative_to(source).as_posix())
     return places
 
 
@@ -412,9 +411,8 @@ def test_what_tests_share_lies_in_one_package() -> None:
 
 def inner_modules(file: Path, source: Path) -> set[str]:
     """Modules of packages within packages that a file imports, or names in a string, as for ``monkeypatch``."""
-    nodes = ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-    strings = [node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)]
-    names = imported_modules(file) | {name for text in strings for name in re.findall(r"scenetruth(?:\.\w+)+", text)}
+    texts = facts_of(file).texts
+    names = imported_modules(file) | {name for text in texts for name in re.findall(r"scenetruth(?:\.\w+)+", text)}
     found = set()
     for name in names:
         parts = name.split(".")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Iterator
 from pathlib import Path
+
+from tests.helpers.source_facts import facts_of
 
 SOURCE = Path(__file__).parents[1] / "src" / "scenetruth"
 
@@ -15,12 +16,9 @@ MOST_PARAMETERS = 12
 def crowded_functions(folder: Path) -> Iterator[str]:
     """Name the functions with more parameters than may be."""
     for file in sorted(folder.rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
-                count = len(node.args.posonlyargs) + len(node.args.args)
-                if count > MOST_PARAMETERS:
-                    name = "lambda" if isinstance(node, ast.Lambda) else node.name
-                    yield f"{file.relative_to(folder)}:{node.lineno} {name} takes {count}"
+        for line, name, count in facts_of(file).parameters:
+            if count > MOST_PARAMETERS:
+                yield f"{file.relative_to(folder)}:{line} {name} takes {count}"
 
 
 def test_no_function_takes_a_row_of_arguments() -> None:

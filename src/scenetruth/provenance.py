@@ -8,7 +8,8 @@ import os
 import platform
 import re
 from collections.abc import Mapping
-from functools import partial
+from contextlib import suppress
+from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -125,18 +126,22 @@ def recording_hash(scene_hash: str, backend: str) -> str:
 
 def provenance_attributes(scene: Scene) -> dict[str, Any]:
     """Return the attributes that describe the provenance of a data set."""
-    versions = {"python": platform.python_version()}
-    for name in _PACKAGES:
-        try:
-            versions[name] = version(name)
-        except PackageNotFoundError:
-            continue
     return {
         "scene": json.dumps(scene.to_dict()),
         "scene_hash": scene_hash(scene),
         "seed": scene.seed,
-        "versions": json.dumps(versions),
+        "versions": _installed_versions(),
     }
+
+
+@cache
+def _installed_versions() -> str:
+    """Return the versions of packages that results depend on, as JSON: reading them takes as long as a small image."""
+    versions = {"python": platform.python_version()}
+    for name in _PACKAGES:
+        with suppress(PackageNotFoundError):
+            versions[name] = version(name)
+    return json.dumps(versions)
 
 
 def own_release() -> str:

@@ -154,7 +154,9 @@ def fit_discs(
                 more = squares / count
                 if more > 1.0:
                     factor *= more
-                    variances[:count] *= more
+                    # Not as an array: the message for other shapes takes as long to compile as the loop.
+                    for n in range(count):
+                        variances[n] *= more
                     cost, squares = _accumulate(
                         values, variances, places, count, inverse, p, normal, gradient
                     )  # fmt: skip

@@ -36,7 +36,8 @@ _XX, _XY, _YY, _XS, _YS, _XT, _YT, _SS, _ST, _TT, _XE, _YE, _SE, _TE, _EE = rang
 _ENTRIES = 15
 _J_XX, _J_XY, _J_YY, _J_XZ, _J_YZ, _J_ZZ, _J_XS, _J_YS, _J_ZS = range(9)
 _J_XT, _J_YT, _J_ZT, _J_SS, _J_ST, _J_TT = range(9, _ENTRIES)
-_X, _Y, _Z, _S, _T = range(5)
+# The axes. Values of plain integers are part of a signature: what they are passed to is compiled for each of them.
+_X, _Y, _Z, _S, _T = (np.int64(axis) for axis in range(5))
 # Index of the entry of two axes.
 _ENTRY = np.array(
     [

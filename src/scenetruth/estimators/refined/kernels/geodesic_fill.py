@@ -138,7 +138,7 @@ def fit_surfaces(disparity: Any, weight: Any, labels: Any, numbers: Any, prior: 
             if labels[y, x] >= 0:
                 n = numbers[labels[y, x]]
                 if sums[n, 0] == 0.0:
-                    own[n] = float(x), float(y), disparity[y, x]
+                    own[n, 0], own[n, 1], own[n, 2] = float(x), float(y), disparity[y, x]
                 _add(sums[n], weight[y, x], x - own[n, 0], y - own[n, 1], disparity[y, x] - own[n, 2])
     for n in range(len(planes)):
         _solve(sums[n], prior, planes[n])

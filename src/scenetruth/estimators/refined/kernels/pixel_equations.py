@@ -251,7 +251,9 @@ def _compiled_products(several: int) -> Any:
                 if acceleration:
                     _accumulate_acceleration(0.5 * t, r, p, v, left, sums, sides, pairs)
             if acceleration:
-                pairs[2, 3] = pairs[1, 4]
+                # Not as an array: the message for other shapes takes half as long to compile as the kernel.
+                for x in range(size):
+                    pairs[2, 3, x] = pairs[1, 4, x]
             # From here on, 0 where too few images are valid.
             weight, phi = known, d
             for x in range(size):
