@@ -268,7 +268,7 @@ def test_bends_of_blocks_are_rms_second_differences(shape: tuple[int, int], tile
 
 
 def test_image_textures_are_exact_to_the_stated_error(tmp_path: Path) -> None:
-    """Against 48 x 48 samples, for texels as large as pixels, with and without perspective and facets."""
+    """Against 48 x 48 samples, for texels as large as pixels, with and without light."""
     noise = np.random.default_rng(3).integers(0, 256, (96, 96)).astype(np.uint8)
     Image.fromarray(noise).save(tmp_path / "noise.png")
     texture = {"kind": "image", "file": str(tmp_path / "noise.png"), "encoding": "linear"}

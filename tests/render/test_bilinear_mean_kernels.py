@@ -1,4 +1,4 @@
-"""Exact means of bilinear textures over pixels, against closed forms and many samples."""
+"""Exact means of bilinear textures over polygons, against closed forms and many samples."""
 
 from __future__ import annotations
 
@@ -8,74 +8,118 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 from numpy.typing import NDArray
 
-from scenetruth.render.bilinear_mean_kernels import MOST_TEXELS, bilinear_means
+from scenetruth.camera import Viewpoint
+from scenetruth.raycast import ImageRays, RayCaster, TexturedMesh
+from scenetruth.render.adaptive_raycast import _raster_of
+from scenetruth.render.bilinear_mean_kernels import MOST_CORNERS, MOST_TEXELS, average_bilinear, polygon_mean
+from scenetruth.render.footprint_kernels import Footprints, LampLight, average_footprints
+from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.render.sampling_rules import even_rule, square_rule
 from scenetruth.scene.texture import Picture
+from tests.helpers.faceted_surfaces import ball, relief, scene_of, world_of
 
 SHAPE = (40, 50)
 
 
-def footprints(seed: int, step: float, perspective: float) -> NDArray[np.float64]:
-    """Return forms of 60 footprints at random places, some of them beyond the texture."""
-    generator = np.random.default_rng(seed)
-    forms = np.zeros((60, 3, 3))
-    forms[:, :2, 0] = generator.uniform(-0.2, 1.2, (60, 2))
-    forms[:, :2, 1:] = generator.standard_normal((60, 2, 2)) * step / np.array([SHAPE[1], SHAPE[0]])[:, None]
-    forms[:, 2, 0], forms[:, 2, 1:] = 1.0, generator.uniform(-0.5, 0.5, (60, 2)) * perspective
-    # The sign of all forms is arbitrary.
-    forms[::2] *= -1
-    return forms
+def mean_of(values: NDArray[np.float32], corners: NDArray[np.float64], *, tiled: bool = False) -> tuple[bool, float]:
+    """Return whether the mean over a polygon is computed, and the mean."""
+    padded = np.zeros((MOST_CORNERS + 1, 3))
+    padded[: len(corners)] = corners
+    texels, sums = np.empty((2, MOST_TEXELS + 3, MOST_TEXELS + 3))
+    found, mean = polygon_mean(values, tiled, padded, len(corners), texels, sums)
+    return bool(found), float(mean)
+
+
+def flat(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return corners at the same depth."""
+    return np.column_stack([places, np.ones(len(places))])
 
 
 @pytest.mark.parametrize("tiled", [True, False])
 @given(seed=some.integers(0, 1000), step=some.sampled_from([0.03, 0.4, 1.0, 3.0]))
-@settings(max_examples=8, deadline=None)
-def test_means_agree_with_many_samples(tiled: bool, seed: int, step: float) -> None:
-    texture = Picture(np.random.default_rng(seed).random(SHAPE).astype(np.float32), tiled)
-    forms = footprints(seed, step, 1e-3)
-    done, means = bilinear_means(texture.values, tiled, forms)
-    assert done.all()
-    count = 64
-    samples = texture.mean_radiance(forms, *square_rule(*even_rule(count)))
-    # Bends of the texture and their samples, see `_bend_errors`; the change of the depth acts on the last term.
-    slope = step * np.sqrt(max(step, 1.0))
-    assert np.sqrt(np.mean((means - samples) ** 2)) < 3 * slope / (21 * count**2) + 1e-3 * 0.05 * slope + 1e-6
-
-
-def test_means_of_an_axis_parallel_footprint_follow_from_sums() -> None:
-    """Squares of whole texels, without rotation: sums of texels with weights of the trapezoidal rule."""
-    values = np.random.default_rng(5).random(SHAPE).astype(np.float32)
-    forms = np.zeros((1, 3, 3))
-    forms[0, 0], forms[0, 1], forms[0, 2] = [20 / 50, 6 / 50, 0], [15 / 40, 0, 4 / 40], [1, 0, 0]
-    done, means = bilinear_means(values, False, forms)
-    # From 17 to 23 columns and 13 to 17 rows, in coordinates with texel centres at half integers.
-    across = np.array([0.125, 0.875, 1, 1, 1, 1, 0.875, 0.125])
-    down = np.array([0.125, 0.875, 1, 1, 0.875, 0.125])
-    expected = down @ values[12:18, 16:24].astype(np.float64) @ across / 24
-    assert done.all()
-    assert means[0] == pytest.approx(expected, abs=1e-7)
-
-
-@given(seed=some.integers(0, 1000), turn=some.floats(0, 6.3), u=some.floats(0.2, 0.8), v=some.floats(0.2, 0.8))
 @settings(max_examples=20, deadline=None)
-def test_means_of_a_linear_texture_are_its_value_at_the_centre(seed: int, turn: float, u: float, v: float) -> None:
-    x, y = np.meshgrid(np.arange(SHAPE[1]), np.arange(SHAPE[0]))
+def test_means_over_pixels_in_perspective_agree_with_many_samples(tiled: bool, seed: int, step: float) -> None:
+    generator = np.random.default_rng(seed)
+    values = generator.random(SHAPE).astype(np.float32)
+    # Quotients of linear forms in the pixel, some of them beyond the texture.
+    form = np.column_stack([generator.uniform(-0.2, 1.2, 2), generator.standard_normal((2, 2)) * step / 45])
+    form = np.vstack([form, [1.0, *generator.uniform(-1e-3, 1e-3, 2)]])
+    square = np.array([[1, -0.5, -0.5], [1, 0.5, -0.5], [1, 0.5, 0.5], [1, -0.5, 0.5]])
+    u, v, depth = form @ square.T
+    found, mean = mean_of(values, np.column_stack([u / depth * 50 - 0.5, v / depth * 40 - 0.5, depth]), tiled=tiled)
+    count = 64
+    samples = Picture(values, tiled).mean_radiance(form[None], *square_rule(*even_rule(count)))[0]
+    # Bends of up to 4 are missed by the samples; the correction for the perspective of 1e-3 is within a tenth.
+    slope = 4 * step * max(step, 1.0)
+    assert found
+    assert abs(mean - samples) < slope / (12 * count**2) + 1e-4 * min(slope, 1.0) + 1e-6
+
+
+def test_means_of_an_axis_parallel_rectangle_follow_from_sums() -> None:
+    """From 16.5 to 22.5 columns and 12.5 to 16.5 rows: weights of the trapezoidal rule."""
+    values = np.random.default_rng(5).random(SHAPE).astype(np.float32)
+    found, mean = mean_of(values, flat(np.array([[16.5, 12.5], [22.5, 12.5], [22.5, 16.5], [16.5, 16.5]])))
+    across, down = (np.array([0.125, 0.875, *[1.0] * k, 0.875, 0.125]) for k in (4, 2))
+    # Texels 16 to 23 and 12 to 17.
+    assert found
+    assert mean == pytest.approx(down @ values[12:18, 16:24].astype(np.float64) @ across / 24, abs=1e-12)
+
+
+@given(seed=some.integers(0, 1000), count=some.integers(3, MOST_CORNERS), turn=some.floats(0, 6.3))
+@settings(max_examples=30, deadline=None)
+def test_means_of_a_linear_texture_are_its_value_at_the_centroid(seed: int, count: int, turn: float) -> None:
     across, down = np.random.default_rng(seed).uniform(-0.01, 0.01, 2)
-    forms = np.zeros((1, 3, 3))
-    sine, cosine = 1.7 * np.sin(turn), 1.7 * np.cos(turn)
-    forms[0] = [[u, cosine / 50, sine / 50], [v, -sine / 40, cosine / 40], [1, 0, 0]]
-    values = (0.5 + across * x + down * y).astype(np.float32)
-    done, means = bilinear_means(values, False, forms)
-    assert done.all()
-    assert means[0] == pytest.approx(0.5 + across * (u * 50 - 0.5) + down * (v * 40 - 0.5), abs=1e-6)
+    x, y = np.meshgrid(np.arange(SHAPE[1]), np.arange(SHAPE[0]))
+    angles = turn + 2 * np.pi * np.arange(count) / count
+    places = np.array([20.3, 17.8]) + 2.2 * np.column_stack([np.cos(angles), np.sin(angles)])
+    # Both directions around the polygon.
+    places = places[:: 1 if seed % 2 else -1]
+    found, mean = mean_of((0.5 + across * x + down * y).astype(np.float32), flat(places))
+    assert found
+    assert mean == pytest.approx(0.5 + across * 20.3 + down * 17.8, abs=1e-6)
 
 
-def test_wide_thin_and_grazing_footprints_are_left_out() -> None:
+def test_polygons_that_are_large_or_thin_are_left_out() -> None:
     values = np.ones(SHAPE, dtype=np.float32)
-    forms = footprints(1, 0.5, 0.0)[:4]
-    forms[0, 0, 1] = (MOST_TEXELS + 1) / SHAPE[1] * forms[0, 2, 0]
-    forms[1, :2, 2] = forms[1, :2, 1]
-    forms[2, 2, 1] = 0.1 * forms[2, 2, 0]
-    done, means = bilinear_means(values, True, forms)
-    assert done.tolist() == [False, False, False, True]
-    assert means[3] == pytest.approx(1.0, abs=1e-6)
+    square = np.array([[3.1, 2.0], [4.1, 2.0], [4.1, 3.0], [3.1, 3.0]])
+    assert mean_of(values, flat(square))[1] == pytest.approx(1.0)
+    assert not mean_of(values, flat(square * (MOST_TEXELS + 1)))[0]
+    assert not mean_of(values, flat(square * [1.0, 0.0]))[0]
+    assert not mean_of(values, flat(square * [np.nan, 1.0]))[0]
+
+
+@pytest.mark.parametrize("lamps", [0, 2])
+def test_means_across_facets_agree_with_many_samples(lamps: int) -> None:
+    """Facets of 6 px with their own light, against 48 x 48 samples that are walked."""
+    scene = scene_of(
+        {}, {"pose": {"position_mm": [8, 5, 640]}}, camera={"width": 64, "height": 48, "focal_length_px": 600}
+    )
+    world = world_of(scene, relief(1, 12), ball(3, 2))
+    renderer, origin = RaycastRenderer(world, scene.camera), Viewpoint.on_axis(0.0).position_mm
+    caster = RayCaster(world.at(0).vertices_mm, renderer._topology)
+    hits = caster.cast(origin, renderer._directions, grid_width=64)
+    rays = ImageRays(origin, renderer._directions, renderer._across, renderer._down, hits.face, 64)
+    mesh = TexturedMesh(caster.vertices_mm, world.faces, caster.topology.face_neighbours, world.face_body, world.uv)
+    generator = np.random.default_rng(2)
+    raster = _raster_of(Picture(generator.random((50, 70)).astype(np.float32), True))
+    assert raster is not None
+    pixels, count = np.flatnonzero(hits.face >= 0), 48
+    light = np.where(generator.random((len(world.faces), lamps)) < 0.5, 1.0, -1.0)
+    light *= generator.random(light.shape)
+    blocked = generator.integers(0, 4, len(pixels)).astype(np.uint64)
+    lit = LampLight(light if lamps else np.empty((0, 0)), blocked, 0.3)
+    every = np.zeros(len(pixels), dtype=np.int64)
+    rule, none = square_rule(*even_rule(count)), np.empty(0, dtype=np.bool_)
+    samples = Footprints(pixels, every, every + count**2, *rule, none)
+    arrived, walked = average_footprints(mesh, rays, samples, raster, lit)
+    done, means = average_bilinear(mesh, rays, Footprints(pixels, every, every, *rule, none), raster, lit)
+    both = arrived & done
+    assert 1000 < both.sum() < len(both)
+    # At the edge of a facet, the light has a step of up to 0.6 at the mean radiance.
+    error = np.abs(means - walked)[both]
+    if lamps:
+        assert np.sqrt(np.mean(error**2)) < 0.6 / count**1.5
+    else:
+        assert error.max() < 4 * 1.5 / (12 * count**2)
+    # Pixels that are reached by walks are left out only if they are seen at a grazing angle.
+    assert done[arrived].mean() > 0.9

@@ -409,63 +409,48 @@ class AdaptiveRenderer(RaycastRenderer):
     ) -> None:
         """Average pixels of one body by the rule of each: the image on lit facets, elsewhere the albedo."""
         from scenetruth.raycast.hit_kernels import footprint_forms
+        from scenetruth.render.bilinear_mean_kernels import average_bilinear
         from scenetruth.render.footprint_kernels import Footprints, LampLight, average_footprints
 
-        if not raster.cubic:
-            self._average_bilinear(raster, view, canvas, pixels, chosen, faceted=faceted)
-            pixels, chosen = pixels[chosen > 0], chosen[chosen > 0]
+        first, count, offsets, weights = _rule_table()
+        meeting = np.empty(0, dtype=np.bool_) if view.face_light is None else view.face_light.meeting
+
+        def light_on(pixels: NDArray[np.int64]) -> LampLight:
+            if not faceted or canvas.by_lamp is None:
+                return LampLight(np.empty((0, 0)), np.empty(0, dtype=np.uint64), 0.0)
+            return LampLight(canvas.by_lamp, canvas.blocked[pixels], float(self._lighting.ambient or 0.0))
+
+        if not raster.cubic and len(many := np.flatnonzero(chosen >= _EXACT)):
+            own = pixels[many]
+            footprints = Footprints(own, first[:0], count[:0], offsets, weights, meeting)
+            done, means = average_bilinear(view.mesh, view.rays, footprints, raster, light_on(own))
+            (canvas.image if faceted else canvas.albedo)[own[done]] = means[done]
+            canvas.lit[own[done]] = faceted
+            rest = np.ones(len(pixels), dtype=np.bool_)
+            rest[many[done]] = False
+            pixels, chosen = pixels[rest], chosen[rest]
         if len(pixels) > _PIXELS_PER_LARGE_FACE * len(item.mesh.faces):
             # Most pixels are inside large faces: without walks.
-            for number, (offsets, weights) in enumerate(_rules(), start=1):
+            for number, rule in enumerate(_rules(), start=1):
                 own = np.flatnonzero(chosen == number)
-                at_once = max(1, min(_PIXELS_PER_PIECE, _SAMPLES_PER_PIECE // len(weights)))
+                at_once = max(1, min(_PIXELS_PER_PIECE, _SAMPLES_PER_PIECE // len(rule[1])))
                 for start in range(0, len(own), at_once):
                     piece = own[start : start + at_once]
-                    forms, whole = footprint_forms(view.mesh, view.rays, pixels[piece], float(np.abs(offsets).max()))
+                    forms, whole = footprint_forms(view.mesh, view.rays, pixels[piece], float(np.abs(rule[0]).max()))
                     inside = pixels[piece[whole]]
-                    canvas.albedo[inside] = item.texture.mean_radiance(forms[whole], offsets, weights)
+                    canvas.albedo[inside] = item.texture.mean_radiance(forms[whole], *rule)
                     if faceted:
                         canvas.image[inside], canvas.lit[inside] = canvas.albedo[inside] * canvas.shade[inside], True
                     chosen[piece[whole]] = 0
             pixels, chosen = pixels[chosen > 0], chosen[chosen > 0]
-        first, count, offsets, weights = _rule_table()
-        light = LampLight(np.empty((0, 0)), np.empty(0, dtype=np.uint64), 0.0)
-        if faceted and canvas.by_lamp is not None:
-            light = LampLight(canvas.by_lamp, canvas.blocked[pixels], float(self._lighting.ambient or 0.0))
-        meeting = np.empty(0, dtype=np.bool_) if view.face_light is None else view.face_light.meeting
         footprints = Footprints(pixels, first[chosen], count[chosen], offsets, weights, meeting)
-        arrived, means = average_footprints(view.mesh, view.rays, footprints, raster, light)
+        arrived, means = average_footprints(view.mesh, view.rays, footprints, raster, light_on(pixels))
         (canvas.image if faceted else canvas.albedo)[pixels] = means
         canvas.lit[pixels] = faceted
         for number, rule in enumerate(_rules(), start=1):
             lost = pixels[~arrived & (chosen == number)]
             if len(lost):
                 canvas.trace_later(lost, rule)
-
-    def _average_bilinear(
-        self,
-        raster: Raster,
-        view: RayView,
-        canvas: _Canvas,
-        pixels: NDArray[np.int64],
-        chosen: NDArray[np.uint8],
-        *,
-        faceted: bool,
-    ) -> None:
-        """Average a bilinear texture exactly in pixels inside one face, as `_average_body`; their rule becomes 0."""
-        from scenetruth.raycast.hit_kernels import footprint_forms
-        from scenetruth.render.bilinear_mean_kernels import bilinear_means
-
-        many = np.flatnonzero(chosen >= _EXACT)
-        for first in range(0, len(many), _PIXELS_PER_PIECE):
-            piece = many[first : first + _PIXELS_PER_PIECE]
-            forms, whole = footprint_forms(view.mesh, view.rays, pixels[piece], 0.5)
-            done, means = bilinear_means(raster.values, raster.tiled, forms[whole])
-            piece = piece[whole][done]
-            own, mean = pixels[piece], means[done]
-            canvas.albedo[own], chosen[piece] = mean, 0
-            if faceted:
-                canvas.image[own], canvas.lit[own] = mean * canvas.shade[own], True
 
     def _average_by(self, rule: Rule, view: RayView, canvas: _Canvas, pixels: NDArray[np.int64], index: int) -> None:
         """Average pixels of one body by a rule, as `_average_body`, with any texture and light."""
