@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numba
@@ -10,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as some
 from numpy.typing import NDArray
+from PIL import Image
 
 import scenetruth as st
 from scenetruth.camera import Viewpoint
 from scenetruth.render import choose_renderer
-from scenetruth.render.adaptive_raycast import AdaptiveRenderer, _block_ranges
-from scenetruth.render.pixel_filter_kernels import texture_ranges
+from scenetruth.render.adaptive_raycast import AdaptiveRenderer, _block_bends
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.texture import Picture
@@ -242,17 +243,47 @@ def test_a_sheet_behind_the_floor_casts_no_shadow_on_it() -> None:
 
 
 @pytest.mark.parametrize("tiled", [True, False])
-@pytest.mark.parametrize("shape", [(16, 24), (13, 30)])
-def test_ranges_of_blocks_contain_the_texture(shape: tuple[int, int], tiled: bool) -> None:
-    generator = np.random.default_rng(shape[0])
-    texture = Picture(generator.random(shape).astype(np.float32), tiled)
-    size = np.array(shape[::-1])
-    lowest, highest = _block_ranges(texture)
-    centres, reach = generator.uniform(0, 1, (200, 2)), generator.uniform(0.3, 3, 200)
-    found = texture_ranges(lowest, highest, tiled, (centres * size - 0.5) / 8, reach / 8)
-    inside = generator.uniform(-1, 1, (200, 300, 2)) * reach[:, None, None] / size
-    values = texture.radiance((centres[:, None] + inside).reshape(-1, 2)).reshape(200, 300)
-    assert (found >= np.ptp(values, axis=1) - 1e-6).all()
+@pytest.mark.parametrize("shape", [(16, 24), (13, 30), (521, 9)])
+def test_bends_of_blocks_are_rms_second_differences(shape: tuple[int, int], tiled: bool) -> None:
+    texture = Picture(np.random.default_rng(shape[0]).random(shape).astype(np.float32), tiled)
+    found = _block_bends(texture)
+    assert found.shape == (-(-shape[0] // 8), -(-shape[1] // 8))
+    for row, column in np.ndindex(found.shape):
+        # Texels of the block and the first of the next, which may lie beyond the border.
+        y, x = np.meshgrid(8 * row + np.arange(9), 8 * column + np.arange(9), indexing="ij")
+        if not tiled:
+            y, x = np.minimum(y, shape[0] - 1), np.minimum(x, shape[1] - 1)
+
+        def at(down: int, right: int, y: Any = y, x: Any = x) -> NDArray[np.float64]:
+            uv = np.stack([(x + right + 0.5) / shape[1], (y + down + 0.5) / shape[0]], axis=-1)
+            return texture.radiance(uv.reshape(-1, 2)).astype(np.float64)
+
+        bends = [at(-dy, -dx) - 2 * at(0, 0) + at(dy, dx) for dy, dx in ((0, 1), (1, 0))]
+        expected = rms(np.max(np.abs(bends), axis=0))
+        if tiled and (shape[0] % 8 or shape[1] % 8):
+            # Blocks beyond the border of a tile are between two blocks.
+            assert found[row, column] >= expected - 1e-5
+        else:
+            assert found[row, column] == pytest.approx(expected, abs=1e-5)
+
+
+def test_image_textures_are_exact_to_the_stated_error(tmp_path: Path) -> None:
+    """Against 48 x 48 samples, for texels as large as pixels, with and without light."""
+    noise = np.random.default_rng(3).integers(0, 256, (96, 96)).astype(np.uint8)
+    Image.fromarray(noise).save(tmp_path / "noise.png")
+    texture = {"kind": "image", "file": str(tmp_path / "noise.png"), "encoding": "linear"}
+    pose = {"position_mm": [0, 0, 100], "rotations": [{"axis": [0.3, 1, 0.5], "angle_deg": 30}]}
+    flat = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [96, 96]}, "texture": texture, "pose": pose}
+    lamp = {"lights": [{"kind": "directional", "direction": [0.3, 0.2, 1], "irradiance": 0.8}]}
+    for lit in ({}, {"lighting": lamp}):
+        scene = scene_with(flat, **lit)
+        world, rest = build_scene(scene), (scene.background, scene.lighting)
+        many = RaycastRenderer(world, scene.camera, scene.background, 48, scene.lighting).render(0.0, ON_AXIS)
+        found = AdaptiveRenderer(world, scene.camera, *rest).render(0.0, ON_AXIS)
+        # The samples of bends of 0.5 are wrong by about 0.5 / (27 · 48²) = 8e-6.
+        assert rms(found - many) < 2e-5
+        few = RaycastRenderer(world, scene.camera, scene.background, 4, scene.lighting).render(0.0, ON_AXIS)
+        assert rms(few - many) > 5e-4
 
 
 def test_images_do_not_depend_on_the_number_of_threads() -> None:

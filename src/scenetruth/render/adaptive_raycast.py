@@ -27,6 +27,7 @@ from scenetruth.render.sampling_rules import (
     GAUSS_ORDERS,
     Rule,
     compute_longest_steps,
+    even_rule,
     gauss_rule,
     lattice_rule,
     square_rule,
@@ -48,16 +49,34 @@ _FINE = 1 + len(GAUSS_ORDERS)  # index of the first lattice among the rules; the
 _PIXELS_PER_LARGE_FACE = 100  # pixels per face of a body from which most of them lie inside a face
 _PIXELS_PER_PIECE, _SAMPLES_PER_PIECE = 1 << 16, 1 << 19
 _SAME_DIRECTION = 1 - 1e-12  # cosine above which flat faces are lit equally
-# A bilinear texture is bent at its texels. Its slope per pixel is at most its range in the pixel times its step in
-# texels. Gauss rules of order n are within slope / (12 n²), lattices of N points within slope / (4 N²) of the mean.
-_SLOPES = {1: 12 * 2**2, 3: 12 * 4**2, **{_FINE + k: 4 * size**2 for k, size in enumerate(_LATTICES)}}
-_BLOCK = 8  # texels along a side of the blocks whose range is kept
+_EXACT = 3  # rule whose cost is that of exact means of bilinear textures
+_SQUARES = (16, 32)  # orders of the equally spaced rules for bilinear textures
+_BLOCK = 8  # texels along a side of the blocks whose bends are kept
+_BAND = 64 * _BLOCK  # rows of a texture whose bends are computed together
 
 
 @lru_cache(maxsize=1)
 def _rules() -> list[Rule]:
     """Return the rules from the first Gauss rule on."""
-    return [square_rule(*gauss_rule(order)) for order in GAUSS_ORDERS] + [lattice_rule(size) for size in _LATTICES]
+    gauss = [square_rule(*gauss_rule(order)) for order in GAUSS_ORDERS]
+    return [*gauss, *map(lattice_rule, _LATTICES), *(square_rule(*even_rule(order)) for order in _SQUARES)]
+
+
+@lru_cache(maxsize=1)
+def _bend_errors() -> list[tuple[int, float]]:
+    """Return the rules for bilinear textures, with the error of each at a unit change of the slope.
+
+    A bilinear texture is bent at the lines through texel centres. The error is the RMS over the places of one such
+    line along an axis of the pixel.
+    """
+    bends = (np.arange(4096) + 0.5) / 4096 - 0.5
+    ramps = [*map(gauss_rule, GAUSS_ORDERS), *map(even_rule, _SQUARES)]
+    numbers = [*range(1, _FINE), *range(_FINE + len(_LATTICES), _FINE + len(_LATTICES) + len(_SQUARES))]
+    exact = (0.5 - bends) ** 2 / 2
+    return [
+        (number, float(np.sqrt(np.mean((np.maximum(nodes - bends[:, None], 0) @ weights - exact) ** 2))))
+        for number, (nodes, weights) in zip(numbers, ramps, strict=True)
+    ]
 
 
 @lru_cache(maxsize=1)
@@ -91,24 +110,33 @@ def _raster_of(texture: SurfaceTexture) -> Raster | None:
     return Raster(coefficients, True, True, float(gain), float(mean))
 
 
-_ranges: WeakKeyDictionary[SurfaceTexture, tuple[NDArray[np.float32], NDArray[np.float32]]] = WeakKeyDictionary()
+_bends: WeakKeyDictionary[SurfaceTexture, NDArray[np.float32]] = WeakKeyDictionary()
 
 
-def _block_ranges(texture: SurfaceTexture) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the lowest and highest value of a bilinear texture in blocks of `_BLOCK` texels, see `texture_ranges`."""
-    found = _ranges.get(texture)
+def _block_bends(texture: SurfaceTexture) -> NDArray[np.float32]:
+    """Return the RMS second differences of a bilinear texture in blocks of `_BLOCK` texels, along the worse axis."""
+    found = _bends.get(texture)
     if found is None:
-        values = texture.raster()
-        ends = []
-        for choose in (np.minimum, np.maximum):
-            down = _blocks_along(values, choose, tiled=texture.tiled)
-            ends.append(np.ascontiguousarray(_blocks_along(down.T, choose, tiled=texture.tiled).T))
-        found = _ranges[texture] = (ends[0], ends[1])
+        values, parts = texture.raster(), []
+        rows, columns = values.shape
+
+        def inside(index: NDArray[np.int64], size: int) -> NDArray[np.int64]:
+            return index % size if texture.tiled else np.clip(index, 0, size - 1)
+
+        across = inside(np.arange(-1, columns + 1), columns)
+        for first in range(0, rows, _BAND):
+            band = values[inside(np.arange(first - 1, min(first + _BAND, rows) + 1), rows)]
+            wide = band[1:-1, across]
+            bends = np.abs(wide[:, 2:] - 2 * wide[:, 1:-1] + wide[:, :-2])
+            np.maximum(bends, np.abs(band[2:] - 2 * band[1:-1] + band[:-2]), out=bends)
+            parts.append(_blocks_along(np.square(bends).T, tiled=texture.tiled).T)
+        squares = _blocks_along(np.concatenate(parts), tiled=texture.tiled)
+        found = _bends[texture] = np.sqrt(np.ascontiguousarray(squares))
     return found
 
 
-def _blocks_along(values: NDArray[np.float32], choose: np.ufunc, *, tiled: bool) -> NDArray[np.float32]:
-    """Return the lowest or highest values of the blocks along the first axis, with the first value of the next block.
+def _blocks_along(values: NDArray[np.float32], *, tiled: bool) -> NDArray[np.float32]:
+    """Return the means of blocks along the first axis, each with the first value of the next block.
 
     Between texels of two blocks, the texture is interpolated.
     """
@@ -116,11 +144,11 @@ def _blocks_along(values: NDArray[np.float32], choose: np.ufunc, *, tiled: bool)
     count = -(-size // _BLOCK)
     index = np.arange(count * _BLOCK + 1)
     padded = values[index % size if tiled else np.minimum(index, size - 1)]
-    inside = choose.reduce(padded[:-1].reshape(count, _BLOCK, -1), axis=1)
-    blocks = choose(inside, padded[_BLOCK::_BLOCK])
+    inside = padded[:-1].reshape(count, _BLOCK, -1).sum(axis=1)
+    blocks = (inside + padded[_BLOCK::_BLOCK]) / (_BLOCK + 1)
     if tiled and size % _BLOCK:
         # Beyond the border, blocks do not begin at multiples of their size.
-        blocks = choose(choose(np.roll(blocks, 1, axis=0), blocks), np.roll(blocks, -1, axis=0))
+        blocks = np.maximum(np.maximum(np.roll(blocks, 1, axis=0), blocks), np.roll(blocks, -1, axis=0))
     return np.asarray(blocks)
 
 
@@ -311,7 +339,7 @@ class AdaptiveRenderer(RaycastRenderer):
     def _choose_for_bends(
         self, rules: NDArray[np.uint8], steps: NDArray[np.float32], place: NDArray[np.float64], body: NDArray[np.int32]
     ) -> None:
-        """Change the rules for textures without an end of their spectrum, by the range of the texture in each pixel."""
+        """Change the rules for textures without an end of their spectrum, by the bends of the texture in each pixel."""
         from scenetruth.render.pixel_filter_kernels import NO_RULE, texture_ranges
 
         np.putmask(rules, (rules == _FINE), _FINE + 1)
@@ -320,18 +348,20 @@ class AdaptiveRenderer(RaycastRenderer):
                 continue
             every = np.flatnonzero((body == index) & (rules != NO_RULE))
             tinted = item.texture if isinstance(item.texture, TintedTexture) else TintedTexture(item.texture, 1.0)
-            lowest, highest = _block_ranges(tinted.untinted)
+            bends = _block_bends(tinted.untinted)
+            straight, factor = np.zeros_like(bends), max(tinted.factor, 1.0)
             for first in range(0, len(every), _PIXELS_PER_PIECE):
                 pixels = every[first : first + _PIXELS_PER_PIECE]
                 uv, step = place[pixels], steps[pixels].astype(np.float64)
                 if item.texture.tiled:
                     uv -= np.floor(uv)
                 places = (uv * self._texels[index] - 0.5) / _BLOCK
-                ranges = texture_ranges(lowest, highest, item.texture.tiled, places, step / _BLOCK)
-                slope = max(tinted.factor, 1.0) * ranges * np.clip(step, 1.0, 1e9)
-                chosen = np.full(len(pixels), max(_SLOPES), dtype=np.uint8)
-                for rule, inverse in sorted(_SLOPES.items(), reverse=True):
-                    chosen[slope <= inverse * self._image_error] = rule
+                rough = factor * texture_ranges(straight, bends, item.texture.tiled, places, step / _BLOCK)
+                # The slope per pixel changes by a bend times the step. Both axes, and several bends, add at random.
+                bend = rough * np.clip(step, 0, 1e9) * np.sqrt(2 * np.clip(step, 1.0, 1e9))
+                chosen = np.full(len(pixels), _bend_errors()[-1][0], dtype=np.uint8)
+                for rule, error in reversed(_bend_errors()):
+                    chosen[bend * error <= self._image_error] = rule
                 rules[pixels] = chosen
 
     def _kinks(self, view: RayView) -> NDArray[np.bool_]:
@@ -413,29 +443,42 @@ class AdaptiveRenderer(RaycastRenderer):
     ) -> None:
         """Average pixels of one body by the rule of each: the image on lit facets, elsewhere the albedo."""
         from scenetruth.raycast.hit_kernels import footprint_forms
+        from scenetruth.render.bilinear_mean_kernels import average_bilinear
         from scenetruth.render.footprint_kernels import Footprints, LampLight, average_footprints
 
+        first, count, offsets, weights = _rule_table()
+        meeting = np.empty(0, dtype=np.bool_) if view.face_light is None else view.face_light.meeting
+
+        def light_on(pixels: NDArray[np.int64]) -> LampLight:
+            if not faceted or canvas.by_lamp is None:
+                return LampLight(np.empty((0, 0)), np.empty(0, dtype=np.uint64), 0.0)
+            return LampLight(canvas.by_lamp, canvas.blocked[pixels], self._lighting.ambient_irradiance)
+
+        if not raster.cubic and len(many := np.flatnonzero(chosen >= _EXACT)):
+            own = pixels[many]
+            footprints = Footprints(own, first[:0], count[:0], offsets, weights, meeting)
+            done, means = average_bilinear(view.mesh, view.rays, footprints, raster, light_on(own))
+            (canvas.image if faceted else canvas.albedo)[own[done]] = means[done]
+            canvas.lit[own[done]] = faceted
+            rest = np.ones(len(pixels), dtype=np.bool_)
+            rest[many[done]] = False
+            pixels, chosen = pixels[rest], chosen[rest]
         if len(pixels) > _PIXELS_PER_LARGE_FACE * len(item.mesh.faces):
             # Most pixels are inside large faces: without walks.
-            for number, (offsets, weights) in enumerate(_rules(), start=1):
+            for number, rule in enumerate(_rules(), start=1):
                 own = np.flatnonzero(chosen == number)
-                at_once = max(1, min(_PIXELS_PER_PIECE, _SAMPLES_PER_PIECE // len(weights)))
+                at_once = max(1, min(_PIXELS_PER_PIECE, _SAMPLES_PER_PIECE // len(rule[1])))
                 for start in range(0, len(own), at_once):
                     piece = own[start : start + at_once]
-                    forms, whole = footprint_forms(view.mesh, view.rays, pixels[piece], float(np.abs(offsets).max()))
+                    forms, whole = footprint_forms(view.mesh, view.rays, pixels[piece], float(np.abs(rule[0]).max()))
                     inside = pixels[piece[whole]]
-                    canvas.albedo[inside] = item.texture.mean_radiance(forms[whole], offsets, weights)
+                    canvas.albedo[inside] = item.texture.mean_radiance(forms[whole], *rule)
                     if faceted:
                         canvas.image[inside], canvas.lit[inside] = canvas.albedo[inside] * canvas.shade[inside], True
                     chosen[piece[whole]] = 0
             pixels, chosen = pixels[chosen > 0], chosen[chosen > 0]
-        first, count, offsets, weights = _rule_table()
-        light = LampLight(np.empty((0, 0)), np.empty(0, dtype=np.uint64), 0.0)
-        if faceted and canvas.by_lamp is not None:
-            light = LampLight(canvas.by_lamp, canvas.blocked[pixels], self._lighting.ambient_irradiance)
-        meeting = np.empty(0, dtype=np.bool_) if view.face_light is None else view.face_light.meeting
         footprints = Footprints(pixels, first[chosen], count[chosen], offsets, weights, meeting)
-        arrived, means = average_footprints(view.mesh, view.rays, footprints, raster, light)
+        arrived, means = average_footprints(view.mesh, view.rays, footprints, raster, light_on(pixels))
         (canvas.image if faceted else canvas.albedo)[pixels] = means
         canvas.lit[pixels] = faceted
         for number, rule in enumerate(_rules(), start=1):
