@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.kernels import inlined, kernel
+from scenetruth.raycast.mesh_topology import ImageRays
 from scenetruth.raycast.ray_triangle_kernels import (
     BLUR_X,
     BLUR_Y,
@@ -29,7 +30,7 @@ from scenetruth.raycast.ray_triangle_kernels import (
 )
 from scenetruth.threads import in_bands
 
-__all__ = ["RayGrid", "pixel_hits"]
+__all__ = ["RayGrid", "pixel_hits", "sample_directions"]
 
 _MARGIN = 1e-5  # deviation of rays from their pixel, in steps of the grid
 _NEARER = 1e-9  # relative margin of depths for rounding
@@ -37,6 +38,28 @@ _MANY_RAYS = 4  # minimum number of rays in a pixel for which its faces are sort
 _SORTED = 48  # maximum number of faces in a pixel that are sorted by depth
 _LEAST_CAST = 2048  # minimum number of rays per thread
 _FACES_PER_PIXEL = 12  # space for the faces of a pixel, enlarged if necessary
+
+
+def sample_directions(
+    rays: ImageRays, pixels: NDArray[np.int64], offsets: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the directions of rays at offsets (x, y) in px from the centres of pixels, shape (n, 3)."""
+    directions = np.empty((pixels.shape[0], 3))
+    in_bands(_sample_directions, pixels.shape[0], rays, pixels, offsets, directions, least=_LEAST_CAST)
+    return directions
+
+
+@kernel()
+def _sample_directions(
+    low: int, high: int, rays: ImageRays, pixels: NDArray[np.int64], offsets: NDArray[np.float64],
+    directions: NDArray[np.float64],
+) -> None:  # fmt: skip
+    apart = 1 if rays.across.shape[0] > 1 else 0
+    for n in range(np.uint64(low), np.uint64(high)):
+        pixel, right, below = pixels[n], offsets[n, 0], offsets[n, 1]
+        for k in range(3):
+            step = right * rays.across[pixel * apart, k] + below * rays.down[pixel * apart, k]
+            directions[n, k] = rays.directions[pixel, k] + step
 
 
 class RayGrid(NamedTuple):
