@@ -8,7 +8,7 @@ import os
 import platform
 import re
 from collections.abc import Mapping
-from functools import partial
+from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -123,18 +123,24 @@ def recording_hash(scene_hash: str, backend: str) -> str:
 
 def provenance_attributes(scene: Scene) -> dict[str, Any]:
     """Return the attributes that describe the provenance of a data set."""
+    return {
+        "scene": json.dumps(scene.to_dict()),
+        "scene_hash": scene_hash(scene),
+        "seed": scene.seed,
+        "versions": json.dumps(_installed_versions()),
+    }
+
+
+@cache
+def _installed_versions() -> dict[str, str]:
+    """Return the versions of Python and of the packages, whose metadata take some ms to read."""
     versions = {"python": platform.python_version()}
     for name in _PACKAGES:
         try:
             versions[name] = version(name)
         except PackageNotFoundError:
             continue
-    return {
-        "scene": json.dumps(scene.to_dict()),
-        "scene_hash": scene_hash(scene),
-        "seed": scene.seed,
-        "versions": json.dumps(versions),
-    }
+    return versions
 
 
 def own_release() -> str:

@@ -183,7 +183,7 @@ class AdaptiveRenderer(RaycastRenderer):
     ) -> None:
         super().__init__(world, camera, background, _ORDER, lighting, topology)
         self._image_error = image_error
-        self._longest = np.stack([compute_longest_steps(body.texture, image_error) for body in world.bodies])
+        self._longest = compute_longest_steps([body.texture for body in world.bodies], image_error)
         shapes = np.array([body.texture.shape for body in world.bodies], dtype=np.float64)
         self._texels = np.ascontiguousarray(shapes[:, ::-1])
         self._bent: tuple[RayCaster, NDArray[np.bool_]] | None = None

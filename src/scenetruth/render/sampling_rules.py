@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from weakref import WeakKeyDictionary
 
@@ -134,8 +135,8 @@ def _squared_errors() -> Floats:
 _found: WeakKeyDictionary[SurfaceTexture, tuple[float, Floats]] = WeakKeyDictionary()
 
 
-def compute_longest_steps(texture: SurfaceTexture, error: float) -> Floats:
-    """Return the longest step of the texture per pixel, in texels, for which a rule is within an RMS error.
+def compute_longest_steps(textures: Sequence[SurfaceTexture], error: float) -> Floats:
+    """Return the longest steps of textures per pixel, in texels, for which a rule is within an RMS error.
 
     The power spectrum of the texture along lines in four directions, with all waves between its texels, gives the error
     of every rule as a function of the step from pixel to pixel. Textures with steps, whose spectrum does not end, get
@@ -143,15 +144,21 @@ def compute_longest_steps(texture: SurfaceTexture, error: float) -> Floats:
 
     ``error``: RMS error of the radiance.
     Returns: Steps of the filter at pixel centres (`FILTER_TAPS`) and of each of `GAUSS_ORDERS`, ascending from the
-    second on.
+    second on, shape (textures, rules).
     """
-    known = _found.get(texture)
-    if known is None or known[0] != error:
-        known = _found[texture] = (error, _longest_steps(texture, error))
-    return known[1]
+    unknown = [item for item in textures if item not in _found or _found[item][0] != error]
+    if unknown:
+        _remember(unknown, error)
+    return np.stack([_found[item][1] for item in textures])
 
 
 @with_one_blas_thread
+def _remember(textures: Sequence[SurfaceTexture], error: float) -> None:
+    """Find the longest steps of textures; together, because the limit of threads takes some ms."""
+    for item in textures:
+        _found[item] = (error, _longest_steps(item, error))
+
+
 def _longest_steps(texture: SurfaceTexture, error: float) -> Floats:
     rows, columns = texture.shape
     size = np.array([columns, rows], dtype=np.float64)
