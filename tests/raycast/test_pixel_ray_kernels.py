@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as some
 from scipy.spatial.transform import Rotation
 
-from scenetruth.raycast import RayCaster, Topology
+from scenetruth.raycast import ImageRays, RayCaster, Topology
+from scenetruth.raycast.pixel_ray_kernels import sample_directions
 from tests.helpers.boxes_and_rays import boxes
 from tests.helpers.faceted_surfaces import relief
 
@@ -46,3 +48,15 @@ def test_without_a_grid_rays_are_cast_one_by_one() -> None:
     caster, directions = RayCaster(points, Topology.of(points, triangles)), np.array([[0.0, 0.0, 1.0], [0.1, 0.0, 1.0]])
     found = caster.cast_in_pixels(np.zeros(3), directions, np.array([0, 1]))
     np.testing.assert_array_equal(found.face, caster.cast(np.zeros(3), directions).face)
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_directions_of_samples(apart: bool) -> None:
+    generator = np.random.default_rng(4)
+    directions, offsets = generator.normal(size=(12, 3)), generator.uniform(-0.5, 0.5, (30, 2))
+    across, down = generator.normal(size=(2, 12 if apart else 1, 3))
+    pixels = np.sort(generator.integers(0, 12, 30))
+    rays = ImageRays(np.zeros(3), directions, across, down, np.zeros(12, dtype=np.int32), 4)
+    own = pixels if apart else np.zeros(30, dtype=np.int64)
+    expected = directions[pixels] + offsets[:, :1] * across[own] + offsets[:, 1:] * down[own]
+    np.testing.assert_allclose(sample_directions(rays, pixels, offsets), expected, rtol=1e-14, atol=1e-15)

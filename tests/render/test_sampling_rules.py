@@ -41,18 +41,18 @@ def test_gauss_transfer_is_that_of_its_points(order: int) -> None:
 
 def test_finer_textures_and_smaller_errors_have_shorter_steps() -> None:
     coarse, fine = (build_scene(noise_plane((shortest, 30.0), (60, 80))).bodies[0].texture for shortest in (6.0, 2.0))
-    strict, loose = compute_longest_steps(coarse, 1e-5), compute_longest_steps(coarse, 1e-3)
+    strict, loose = (compute_longest_steps([coarse], error)[0] for error in (1e-5, 1e-3))
     assert (strict[1:] < loose[1:]).all()
     assert (np.diff(loose[1:]) > 0).all()
     # The raster has 16 texels per shortest wave: in texels, both textures are the same up to their draws.
-    np.testing.assert_allclose(compute_longest_steps(fine, 1e-3)[:-1], loose[:-1], rtol=0.3)
+    np.testing.assert_allclose(compute_longest_steps([fine], 1e-3)[0, :-1], loose[:-1], rtol=0.3)
 
 
 @pytest.mark.parametrize("number", range(len(GAUSS_ORDERS) + 1))
 def test_the_error_at_the_longest_step_is_the_stated_error(number: int) -> None:
     texture = build_scene(noise_plane((6.0, 30.0), (100, 120))).bodies[0].texture
     error = 1e-3
-    step = compute_longest_steps(texture, error)[number]
+    step = compute_longest_steps([texture], error)[0, number]
     rows, columns = texture.shape
     pixels = np.stack(np.meshgrid(np.arange(-3, 44), np.arange(-3, 44)), axis=-1).reshape(-1, 2) * step
     size = np.array([columns, rows])

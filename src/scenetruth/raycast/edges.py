@@ -109,9 +109,12 @@ def find_mixed_pixels(
     seen[of_part[pieces.seen[inside]]] = True
     pixels, edge = np.divmod(parts, edges)
     rays = pixel_rays(camera)
-    across, down = (item[pixels] if len(item) > 1 else np.broadcast_to(item, (len(pixels), 3)) for item in rays.steps)
+    # Pixels are ascending, and most contain several edges.
+    begins = np.concatenate([[True], pixels[1:] != pixels[:-1]])[: len(pixels)]
+    own = pixels[begins]
+    across, down = (item[own] if len(item) > 1 else np.broadcast_to(item, (len(own), 3)) for item in rays.steps)
     # A point is on the ray at x, y of a pixel if it is a multiple of the direction + x across + y down.
-    basis = np.linalg.inv(np.stack([rays.directions[pixels], across, down], axis=-1))
+    basis = np.linalg.inv(np.stack([rays.directions[own], across, down], axis=-1))[np.cumsum(begins) - 1]
     corners = pieces.ends_mm[edge]
     _cut_in_front(corners)
     places = np.einsum("kij,kcj->kci", basis, corners)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.kernels import inlined, kernel
+from scenetruth.raycast.mesh_topology import ImageRays
 from scenetruth.raycast.ray_triangle_kernels import (
     BLUR_X,
     BLUR_Y,
@@ -29,14 +30,35 @@ from scenetruth.raycast.ray_triangle_kernels import (
 )
 from scenetruth.threads import in_bands
 
-__all__ = ["RayGrid", "pixel_hits"]
+__all__ = ["RayGrid", "pixel_hits", "sample_directions"]
 
 _MARGIN = 1e-5  # deviation of rays from their pixel, in steps of the grid
 _NEARER = 1e-9  # relative margin of depths for rounding
 _MANY_RAYS = 4  # minimum number of rays in a pixel for which its faces are sorted by depth
 _SORTED = 48  # maximum number of faces in a pixel that are sorted by depth
 _LEAST_CAST = 2048  # minimum number of rays per thread
+_BLOCK = 4  # pixels along a side of the blocks in which pixels with rays are marked
 _FACES_PER_PIXEL = 12  # space for the faces of a pixel, enlarged if necessary
+
+
+def sample_directions(rays: ImageRays, pixels: NDArray[np.int64], offsets: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the directions of rays at offsets (x, y) in px from the centres of pixels, shape (n, 3)."""
+    directions = np.empty((pixels.shape[0], 3))
+    in_bands(_sample_directions, pixels.shape[0], rays, pixels, offsets, directions, least=_LEAST_CAST)
+    return directions
+
+
+@kernel()
+def _sample_directions(
+    low: int, high: int, rays: ImageRays, pixels: NDArray[np.int64], offsets: NDArray[np.float64],
+    directions: NDArray[np.float64],
+) -> None:  # fmt: skip
+    apart = 1 if rays.across.shape[0] > 1 else 0
+    for n in range(np.uint64(low), np.uint64(high)):
+        pixel, right, below = pixels[n], offsets[n, 0], offsets[n, 1]
+        for k in range(3):
+            step = right * rays.across[pixel * apart, k] + below * rays.down[pixel * apart, k]
+            directions[n, k] = rays.directions[pixel, k] + step
 
 
 class RayGrid(NamedTuple):
@@ -83,14 +105,14 @@ def pixel_hits(
 
 
 @inlined
-def _touched(one: float, other: float, low: float, step: float, first: int, last: int) -> Any:
+def _touched(one: float, other: float, low: float, per_step: float, first: int, last: int) -> Any:
     """Return the first and last + 1 of the pixels, half a step around grid lines, between two places, in a range."""
-    start, end = (one - low) / step, (other - low) / step
+    start, end = (one - low) * per_step, (other - low) * per_step
     start, end = min(start, end) - 0.5 - _MARGIN, max(start, end) + 0.5 + _MARGIN
     return int(np.ceil(min(max(start, first), last))), int(np.floor(min(max(end, first - 1.0), last - 1.0))) + 1
 
 
-@kernel(error_model="numpy")
+@inlined
 def _write_edges(
     form: NDArray[np.float64], grid: RayGrid, largest: float, edges: NDArray[np.float64]
 ) -> None:  # fmt: skip
@@ -110,7 +132,7 @@ def _write_edges(
         edges[k, 3] = (0.5 + _MARGIN) * (abs(right) + abs(below)) + margin
 
 
-@kernel()
+@inlined
 def _nearest(grid: RayGrid, face: int) -> Any:
     """Return the smallest distance of the corners of a face along the axis."""
     nearest = np.inf
@@ -143,8 +165,8 @@ def _pixel_hits(
     width, steps, frame = grid.width, grid.steps, grid.frame
     start, end = row_start[low], row_start[high]
     largest = 1.0 + abs(steps[0]) + abs(steps[2]) + width * abs(steps[1]) + grid.height * abs(steps[3])
-    # First ray of each pixel with rays, and the number of such pixels before each pixel.
-    firsts, count, last = np.empty(end - start + 1, dtype=np.int32), 0, 0
+    # First ray and column of each pixel with rays, and the number of such pixels before each pixel.
+    firsts, place_of, count, last = np.empty(end - start + 1, np.int32), np.empty(end - start + 1, np.int32), 0, 0
     numbers = np.empty((high - low) * width + 1, dtype=np.int32)
     for n in range(start, end):
         if n == start or pixels[n] != pixels[n - 1]:
@@ -153,12 +175,19 @@ def _pixel_hits(
             while last <= pixel:
                 numbers[last] = count
                 last += 1
-            firsts[count] = n
+            firsts[count], place_of[count] = n, pixel % width
             count += 1
     while last < numbers.shape[0]:
         numbers[last] = count
         last += 1
     firsts[count] = end
+    # Blocks of pixels with rays: most faces touch none.
+    blocks_across = (width - 1) // _BLOCK + 1
+    occupied = np.zeros(((high - low - 1) // _BLOCK + 1) * blocks_across, dtype=np.bool_)
+    for number in range(count):
+        row = pixels[firsts[number]] // width - low
+        occupied[row // _BLOCK * blocks_across + place_of[number] // _BLOCK] = True
+    per_column, per_row = 1.0 / steps[1], 1.0 / steps[3]
     # Faces that may touch a pixel, and the number of the pixel.
     space, used = 1024 + _FACES_PER_PIXEL * count, 0
     listed, place = np.empty(space, dtype=np.int32), np.empty(space, dtype=np.int32)
@@ -167,29 +196,35 @@ def _pixel_hits(
     for face in range(forms.shape[0]):
         if not boxes[face, LOW_V] <= boxes[face, HIGH_V]:
             continue
-        top, bottom = _touched(boxes[face, LOW_V], boxes[face, HIGH_V], steps[2], steps[3], low, high)
+        top, bottom = _touched(boxes[face, LOW_V], boxes[face, HIGH_V], steps[2], per_row, low, high)
         if top >= bottom:
             continue
-        left, right = _touched(boxes[face, LOW_U], boxes[face, HIGH_U], steps[0], steps[1], 0, width)
+        left, right = _touched(boxes[face, LOW_U], boxes[face, HIGH_U], steps[0], per_column, 0, width)
         if left >= right:
+            continue
+        found = False
+        for row in range((top - low) // _BLOCK, (bottom - low - 1) // _BLOCK + 1):
+            for column in range(left // _BLOCK, (right - 1) // _BLOCK + 1):
+                found = found or occupied[row * blocks_across + column]
+        if not found:
             continue
         ready = False
         for y in range(top, bottom):
             row = (y - low) * width
-            if numbers[row + left] == numbers[row + right]:
+            first, last = numbers[row + left], numbers[row + right]
+            if first == last:
                 continue
             if not ready:
                 _write_edges(forms[face], grid, largest, edges)
                 near[face], ready = _nearest(grid, face), True
-            if used + right - left > space:
-                space = 2 * space + right - left
+            if used + last - first > space:
+                space = 2 * space + last - first
                 more, places = np.empty(space, dtype=np.int32), np.empty(space, dtype=np.int32)
                 for entry in range(used):
                     more[entry], places[entry] = listed[entry], place[entry]
                 listed, place = more, places
-            for x in range(left, right):
-                number = numbers[row + x]
-                if numbers[row + x + 1] > number and _may_touch(edges, float(x), float(y)):
+            for number in range(first, last):
+                if _may_touch(edges, float(place_of[number]), float(y)):
                     listed[used], place[used] = face, number
                     used += 1
     for entry in range(used):

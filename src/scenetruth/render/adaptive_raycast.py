@@ -224,7 +224,7 @@ class AdaptiveRenderer(RaycastRenderer):
     ) -> None:
         super().__init__(world, camera, background, _ORDER, lighting, topology)
         self._image_error = image_error
-        self._longest = np.stack([compute_longest_steps(body.texture, image_error) for body in world.bodies])
+        self._longest = compute_longest_steps([body.texture for body in world.bodies], image_error)
         shapes = np.array([body.texture.shape for body in world.bodies], dtype=np.float64)
         self._texels = np.ascontiguousarray(shapes[:, ::-1])
         self._bent: tuple[RayCaster, NDArray[np.bool_]] | None = None
@@ -607,8 +607,9 @@ class AdaptiveRenderer(RaycastRenderer):
 
     def _radiance(self, view: RayView, pixels: NDArray[np.int64], offsets: NDArray[np.float64]) -> NDArray[np.float32]:
         """Return the radiance of samples, with the pixel and the offset of each, by tracing."""
-        across, down = (item[pixels] if len(item) > 1 else item for item in (view.rays.across, view.rays.down))
-        directions = view.rays.directions[pixels] + (offsets[:, :1] * across + offsets[:, 1:] * down)
+        from scenetruth.raycast.pixel_ray_kernels import sample_directions
+
+        directions = sample_directions(view.rays, pixels, offsets)
         hits = view.caster.cast_in_pixels(view.rays.origin, directions, pixels)
         uv, body = hits.interpolate_corners(view.mesh.uv), self._world.face_body[hits.face]
         radiance = np.full(len(directions), self._background, dtype=np.float32)

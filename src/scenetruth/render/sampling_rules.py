@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from weakref import WeakKeyDictionary
 
@@ -131,11 +132,11 @@ def _squared_errors() -> Floats:
     return np.stack([(transfer.reshape(waves.shape) - exact) ** 2 for transfer in flat])
 
 
-_found: WeakKeyDictionary[SurfaceTexture, tuple[float, Floats]] = WeakKeyDictionary()
+_found: WeakKeyDictionary[SurfaceTexture, dict[float, Floats]] = WeakKeyDictionary()
 
 
-def compute_longest_steps(texture: SurfaceTexture, error: float) -> Floats:
-    """Return the longest step of the texture per pixel, in texels, for which a rule is within an RMS error.
+def compute_longest_steps(textures: Sequence[SurfaceTexture], error: float) -> Floats:
+    """Return the longest steps of textures per pixel, in texels, for which a rule is within an RMS error.
 
     The power spectrum of the texture along lines in four directions, with all waves between its texels, gives the error
     of every rule as a function of the step from pixel to pixel. Textures with steps, whose spectrum does not end, get
@@ -143,18 +144,26 @@ def compute_longest_steps(texture: SurfaceTexture, error: float) -> Floats:
 
     ``error``: RMS error of the radiance.
     Returns: Steps of the filter at pixel centres (`FILTER_TAPS`) and of each of `GAUSS_ORDERS`, ascending from the
-    second on.
+    second on, shape (textures, rules).
     """
-    if isinstance(texture, TintedTexture):
-        # The same rules for all bands, unless they would be too coarse for a band that is brighter than the texture.
-        return compute_longest_steps(texture.untinted, error / max(texture.factor, 1.0))
-    known = _found.get(texture)
-    if known is None or known[0] != error:
-        known = _found[texture] = (error, _longest_steps(texture, error))
-    return known[1]
+    # The same rules for all bands, unless they would be too coarse for a band that is brighter than the texture.
+    wanted = [
+        (item.untinted, error / max(item.factor, 1.0)) if isinstance(item, TintedTexture) else (item, error)
+        for item in textures
+    ]
+    missing = [(item, bound) for item, bound in wanted if bound not in _found.get(item, {})]
+    if missing:
+        _remember(missing)
+    return np.stack([_found[item][bound] for item, bound in wanted])
 
 
 @with_one_blas_thread
+def _remember(missing: Sequence[tuple[SurfaceTexture, float]]) -> None:
+    """Find the longest steps of textures for errors; together, because the limit of threads takes some ms."""
+    for item, error in missing:
+        _found.setdefault(item, {})[error] = _longest_steps(item, error)
+
+
 def _longest_steps(texture: SurfaceTexture, error: float) -> Floats:
     rows, columns = texture.shape
     size = np.array([columns, rows], dtype=np.float64)

@@ -90,9 +90,14 @@ TimedViewpoint = tuple[float, Viewpoint]
 
 
 class PixelPoints:
-    """Surface points visible at the pixels of one image, from its ground truth, geometry and viewpoint."""
+    """Surface points visible at the pixels of one image, from its ground truth, geometry and viewpoint.
 
-    def __init__(self, maps: Mapping[str, NDArray[Any]], geometry: GeometryPass, viewpoint: Viewpoint) -> None:
+    ``seen``: Visibility in other images by camera and frame, kept for `PointTracker.shown` if ``reused``; else None.
+    """
+
+    def __init__(
+        self, maps: Mapping[str, NDArray[Any]], geometry: GeometryPass, viewpoint: Viewpoint, *, reused: bool = False
+    ) -> None:
         world = geometry.world
         body = maps["object_id"].ravel()
         self.pixels = np.flatnonzero(body >= 0)
@@ -100,6 +105,7 @@ class PixelPoints:
         weights = np.ascontiguousarray(maps["barycentric"].reshape(2, -1)[:, self.pixels].T)
         self.points = SurfacePoints.seen_from(viewpoint, geometry, face, weights)
         self.geometry, self.viewpoint = geometry, viewpoint
+        self.seen: dict[tuple[int, int], NDArray[np.bool_]] | None = {} if reused else None
 
 
 class PointTracker:
@@ -118,7 +124,8 @@ class PointTracker:
 
     def shown(self, points: PixelPoints, index: int, frame: int) -> NDArray[np.bool_]:
         """Return whether the surface point of each pixel is visible in an image."""
-        return self._map(points, self._seen(points, index, frame))
+        seen = None if points.seen is None else points.seen.pop((index, frame), None)
+        return self._map(points, self._seen(points, index, frame) if seen is None else seen)
 
     def maps(self, own: PixelPoints, index: int, frame: int) -> dict[str, NDArray[Any]]:
         """Return the visibility and displacement maps of one image, see `scenetruth.schema.VARIABLES`.
@@ -128,7 +135,10 @@ class PointTracker:
         count = np.ones(len(own.pixels), dtype=np.int16)
         for other in range(len(self._places)):
             if other != index:
-                count += self._seen(own, other, frame)
+                seen = self._seen(own, other, frame)
+                count += seen
+                if own.seen is not None:
+                    own.seen[other, frame] = seen
         hidden = np.zeros(len(own.pixels), dtype=np.bool_)
         moved: dict[str, NDArray[np.float64]] = {}
         for step, way in ((1, "next"), (-1, "previous")):
@@ -140,6 +150,8 @@ class PointTracker:
             shown, pixels = find_visible_points(own.points, geometry, self._camera, viewpoint)
             if recorded:
                 hidden |= ~shown
+                if own.seen is not None:
+                    own.seen[index, frame + step] = shown
             if self._complete:
                 moved |= self._moved(own, geometry, pixels, way)
         found: dict[str, NDArray[Any]] = {

@@ -281,8 +281,9 @@ class TruthTasks:
             maps = _truth_by_rows(scene, world, self._topology, moment, content, self._light)
         else:
             maps = truth_maps(geometry, scene.camera, moment.viewpoint, scene.stage.baseline_mm, content)
-        own = PixelPoints(maps, geometry, moment.viewpoint)
-        if (self._views[0], scene.frames.t[frame]) == (index, 0):
+        reference = (self._views[0], scene.frames.t[frame]) == (index, 0)
+        own = PixelPoints(maps, geometry, moment.viewpoint, reused=reference)
+        if reference:
             found = (maps["object_id"], maps["boundary_distance"], scene.score.interior_margin_px)
             self.warnings = interior_warnings(world, *found)
             self._reference.set_result(own)
