@@ -129,6 +129,7 @@ SCENE_MAY_IMPORT = {
     "band_textures": {"mesh", "texture"},
     "lighting": {"motion"},
     "material": set(),
+    "leaf_spectra": set(),
     "scene_object": {"motion", "deformation", "mesh", "vertex_animation", "texture", "material"},
     "plant": {"motion", "deformation", "leaf", "material", "scene_object", "band_textures"},
     "scene_models": {"texture", "lighting", "scene_object", "plant"},

@@ -12,7 +12,7 @@ from hypothesis import strategies as some
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.estimators.protocol import FrameReader
+from scenetruth.estimators.protocol import FrameReader, Needs
 
 FRAMES = 7
 windows = some.lists(
@@ -74,3 +74,13 @@ def test_what_is_not_finite_in_float32_is_counted(value: float, count: int) -> N
     values = images(np.float64)
     values[1, 3, 2, 2] = values[2, 5, 0, 0] = value
     assert FrameReader(st.make_recording(values, focal_length_px=500, baseline_mm=5, full_scale=200)).missing() == count
+
+
+def test_remedy_for_colours_is_a_recording_of_grey_images() -> None:
+    colours = st.make_recording(images(np.uint8, 3), focal_length_px=500, baseline_mm=5, full_scale=200)
+    (problem,) = Needs(channels=1).problems(colours, "mine")
+    remedy = "recording.mean('channel', keep_attrs=True)"
+    assert remedy in problem.message
+    grey = colours.mean("channel", keep_attrs=True)
+    assert not Needs(channels=1).problems(grey, "mine")
+    np.testing.assert_allclose(FrameReader(grey).frames(0, 2)[0], images(np.uint8, 3).mean(axis=-1)[:, :2], rtol=1e-6)

@@ -95,7 +95,7 @@ class Needs:
     >>> for problem in needs.problems(recording, "mine"):
     ...     print(problem)
     stage.positions: 'mine' needs 2 camera positions (got 1)
-    channel: 'mine' takes images of 1 channel (got 3)
+    channel: 'mine' takes images of 1 channel; average them: recording.mean('channel', keep_attrs=True) (got 3)
     """
 
     cameras: int = 1
@@ -150,6 +150,8 @@ class Needs:
             problems.append(Problem("stage.positions", message, cameras))
         if self.channels is not None and channels != self.channels:
             message = f"'{name}' takes images of {self.channels} channel{'s' if self.channels > 1 else ''}"
+            if self.channels == 1:
+                message += "; average them: recording.mean('channel', keep_attrs=True)"
             problems.append(Problem("channel", message, channels))
         if "exclusion_mask" in recording and not self.exclusion_mask:
             message = f"is not supported by '{name}'; use method 'refined', or include all pixels: "

@@ -28,6 +28,7 @@ from scenetruth.schema.validation import check_dataset
 from scenetruth.schema.variables import (
     COMPONENTS,
     COORDINATES,
+    DEMOSAICING,
     FORMAT_VERSION,
     NO_SURFACE,
     REASONS,
@@ -42,11 +43,11 @@ from scenetruth.schema.variables import (
 )
 
 __all__ = [
-    "COMPONENTS", "COORDINATES", "FORMAT_VERSION", "NO_SURFACE", "REASONS", "STATUS_FALLBACK", "STATUS_INVALID",
-    "STATUS_NORMAL", "STATUS_VALID", "VARIABLES", "Acquisition", "IncrementalDataset", "Intrinsics", "PixelGrid", "Put",
-    "StageTolerances", "Variable", "assemble_estimate", "blank_estimate", "blank_map", "check_dataset",
-    "check_same_run", "compute_depth_rate", "compute_pixel_grid", "describe_variable", "digest", "estimate_hash",
-    "flat_attributes", "image_to_grey", "label", "make_estimate",
-    "make_recording", "put_each", "put_estimate", "read_acquisition", "read_intrinsics", "read_lineage",
-    "read_object_names", "read_scene", "tolerance_attributes",
+    "COMPONENTS", "COORDINATES", "DEMOSAICING", "FORMAT_VERSION", "NO_SURFACE", "REASONS", "STATUS_FALLBACK",
+    "STATUS_INVALID", "STATUS_NORMAL", "STATUS_VALID", "VARIABLES", "Acquisition", "IncrementalDataset", "Intrinsics",
+    "PixelGrid", "Put", "StageTolerances", "Variable", "assemble_estimate", "blank_estimate", "blank_map",
+    "check_dataset", "check_same_run", "compute_depth_rate", "compute_pixel_grid", "describe_variable", "digest",
+    "estimate_hash", "flat_attributes", "image_to_grey", "label", "make_estimate", "make_recording", "put_each",
+    "put_estimate", "read_acquisition", "read_intrinsics", "read_lineage", "read_object_names", "read_scene",
+    "tolerance_attributes",
 ]  # fmt: skip

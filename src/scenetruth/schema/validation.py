@@ -13,7 +13,7 @@ from scenetruth.plain_data import parse_json, plain_problems
 from scenetruth.schema.acquisition import acquisition_problems, is_finite_number
 from scenetruth.schema.input_arrays import exclusion_mask_problems, noise_share_problems
 from scenetruth.schema.pixel_grid import pixel_grid_problems
-from scenetruth.schema.variables import REQUIRED, REQUIRED_ANY, VARIABLES
+from scenetruth.schema.variables import DEMOSAICING, REQUIRED, REQUIRED_ANY, VARIABLES
 
 __all__ = ["check_dataset"]
 
@@ -142,6 +142,10 @@ def _image_problems(dataset: xr.Dataset) -> list[Problem]:
     full_scale = dataset.attrs.get("full_scale")
     if not (is_finite_number(full_scale) and float(full_scale or 0) > 0):
         problems.append(Problem("attrs.full_scale", "must be a positive number", full_scale))
+    demosaicing = dataset.attrs.get("demosaicing")
+    if demosaicing is not None and not (isinstance(demosaicing, str) and demosaicing in DEMOSAICING):
+        message = f"must be {' or '.join(DEMOSAICING)}; omit it for images that were not demosaiced"
+        problems.append(Problem("attrs.demosaicing", message, demosaicing))
     if "image" not in dataset:
         return problems
     image = dataset.variables["image"]

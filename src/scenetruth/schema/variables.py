@@ -16,6 +16,7 @@ from scenetruth.schema.attributes import Intrinsics
 __all__ = [
     "COMPONENTS",
     "COORDINATES",
+    "DEMOSAICING",
     "FORMAT_VERSION",
     "MOTION_ACCELERATED",
     "MOTION_ACCELERATED_IN_PART",
@@ -47,6 +48,9 @@ STATUS_INVALID, STATUS_NORMAL, STATUS_VALID, STATUS_FALLBACK = range(4)
 """Values of ``status``: invalid; component along the grey-value gradient only (aperture problem); valid; fallback
 (coarser value, not valid and not scored).
 """
+
+DEMOSAICING = ("bilinear", "malvar")
+"""Methods of demosaicing that the attribute ``demosaicing`` of a recording names."""
 
 REASONS = (
     "none",

@@ -11,6 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.errors import EstimateError, Problem
+from scenetruth.estimators.channel_noise import read_demosaicing
 from scenetruth.estimators.method_settings import PhotonTransferNoise, RefinedSettings
 from scenetruth.estimators.refined.acquisition import corrects_poses, read_priors, read_schedule, remove_delay_bias
 from scenetruth.estimators.refined.common_uncertainty import has_common_part, read_calibration_uncertainty
@@ -251,9 +252,11 @@ class FrameTask:
 
         Pixels of other images are those that show the median disparity.
         """
+        demosaiced = read_demosaicing(self._recording)
+        both = 1.0 if demosaiced is None else demosaiced.share
         if "noise_share" not in self._recording:
-            return None
-        share = self._recording["noise_share"]
+            return None if demosaiced is None else np.full((2, *self.reader.shape[3:]), both)
+        share = self._recording["noise_share"] * both
         share = share.isel(t=slice(frames.first, frames.last)).mean("t") if "t" in share.dims else share
         order = ("s_y", "s", "y", "x")
         sizes = [self._recording["image"].sizes.get(dim, 1) for dim in order]

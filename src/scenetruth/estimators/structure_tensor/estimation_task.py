@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d, maximum_filter1d, spline_filter1d
 
 from scenetruth.errors import EstimateError, Problem
+from scenetruth.estimators.channel_noise import CorrelatedNoise
 from scenetruth.estimators.method_settings import StructureTensorSettings
 from scenetruth.estimators.structure_tensor.filters import PAPER, REACH, AcquisitionAxes, FilterPair
 from scenetruth.estimators.structure_tensor.noise_model import NoiseModel, propagate_noise
@@ -51,6 +52,10 @@ class EstimationInputs:
     noise: NoiseModel
     outputs: NDArray[np.int64]
     """Indices of the frames to estimate."""
+    weights: NDArray[np.float64]
+    """Weights of the channels in the tensor; 1 unless their noise differs."""
+    contrast_share: float = 1.0
+    """Number of channels with the largest weighted contrast that have as much as all channels, relative to all."""
 
     @cached_property
     def invalid(self) -> NDArray[np.bool_] | None:
@@ -67,6 +72,7 @@ def make_inputs(
     settings: StructureTensorSettings,
     intrinsics: Intrinsics,
     full_scale: float,
+    correlated: CorrelatedNoise | None = None,
 ) -> EstimationInputs:
     """Return the inputs for images (channel, s, t, y, x), with filters scaled to grey values and to equal noise."""
     # Grey values in [-1, 1] are 2 image / full scale - 1; derivatives do not depend on the constant.
@@ -78,6 +84,9 @@ def make_inputs(
     over_s = replace(rig.over_s, derivative=rig.over_s.derivative * scale_s)
     over_t = replace(rig.over_t, derivative=rig.over_t.derivative * scale_t)
     noise = propagate_noise(rig, over_s, over_t, images.shape[0], settings)
+    if correlated is not None:
+        more = correlated.of_residuals if settings.noise_std == "auto" else correlated.of_pixels
+        noise = replace(noise, window=noise.window * more)
     return EstimationInputs(
         images=images,
         rig=rig,
@@ -88,6 +97,7 @@ def make_inputs(
         scales=(float(scale_s), float(scale_t)),
         noise=noise,
         outputs=rig.outputs(images.shape[2]),
+        weights=np.ones(len(images)),
     )
 
 

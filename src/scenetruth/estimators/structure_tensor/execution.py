@@ -164,6 +164,7 @@ def _filters_at(task: EstimationInputs, disparity: int) -> Filters:
         moment=single(moment),
         moment_less_smoothing=single(moment - 2 * PAPER.smoothing),
         window_t=single(rig.window_t),
+        channels=single(task.weights),
         window=single(window),
         window_moment=single(window * local),
         window_second_moment=single(window * local**2),
@@ -311,6 +312,8 @@ def _to_world(
     border = 2 * STRIDE * (task.settings.window_taps_px // STRIDE + 1)
     start = max(top - border, 0) // STRIDE * STRIDE
     image = task.images[:, camera, task.outputs[index], start : bottom + border].astype(np.float32)
+    if np.any(task.weights != 1.0):
+        image *= np.sqrt(task.weights).astype(np.float32)[:, None, None]
     texture = texture_transfer(image, task.settings).cropped(slice((top - start) // STRIDE, None))
     sigma = task.settings.noise_std
     axes = Axes(

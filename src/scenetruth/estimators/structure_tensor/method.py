@@ -14,6 +14,7 @@ from numpy.typing import DTypeLike, NDArray
 from scipy.ndimage import correlate1d
 
 from scenetruth.errors import EstimateError, EstimateWarning, Problem
+from scenetruth.estimators.channel_noise import compute_channel_weights, read_demosaicing
 from scenetruth.estimators.method_settings import StructureTensorSettings
 from scenetruth.estimators.protocol import FrameReader
 from scenetruth.estimators.structure_tensor.estimation_task import (
@@ -74,6 +75,29 @@ _MANY = 0.1  # fraction of pixels with such texture below τ that causes a warni
 _CALLER = 7  # frames of the call stack up to the caller of `scenetruth.estimate`, to whose line the warning refers
 
 
+def with_channel_weights(task: EstimationInputs, registrations: Sequence[Registration]) -> EstimationInputs:
+    """Return the inputs with channels weighted by the inverse of their noise power, if it differs between them.
+
+    The uncertainties assume equal noise in all channels, which the weights restore. The contrast of all channels
+    together is unchanged, and with it the meaning of a threshold τ.
+    """
+    count = len(task.images)
+    if count == 1 or task.settings.noise_std != "auto":
+        return task
+    found = np.array([_sample(replace(task, weights=alone), registrations) for alone in np.eye(count)])
+    power = np.maximum(found[:, 0], _LEAST_NOISE**2)
+    weights = compute_channel_weights(power)
+    if np.all(weights == 1.0):
+        return task
+    # The noise of the channel alone, which the sample ascribes to all channels, is in its largest eigenvalue.
+    contrast = np.maximum(found[:, 1] - _TAU_OVER_NOISE * power * task.noise.gradient, 0.0)
+    if not contrast.any():
+        return replace(task, weights=weights)
+    weighted = weights * contrast
+    share = float(weighted.mean() / weighted.max())
+    return replace(task, weights=weights * contrast.sum() / weighted.sum(), contrast_share=share)
+
+
 def with_threshold(task: EstimationInputs, registrations: Sequence[Registration]) -> tuple[EstimationInputs, float]:
     """Return the inputs with a numeric threshold τ, estimated from the image noise for ``"auto"``, and the noise."""
     settings = task.settings
@@ -85,7 +109,9 @@ def with_threshold(task: EstimationInputs, registrations: Sequence[Registration]
         power, largest = float(settings.noise_std) ** 2, 0.0
     # For images without noise, the limit is the float32 resolution of the largest eigenvalue and of the grey values.
     power = max(power, _LEAST_NOISE**2)
-    tau = max(_TAU_OVER_NOISE * power * task.noise.gradient, _EPSILON * largest)
+    # Channels without contrast add noise to all eigenvalues alike, which raises the threshold by its mean only.
+    over_noise = 1.0 + (_TAU_OVER_NOISE - 1.0) * task.contrast_share
+    tau = max(over_noise * power * task.noise.gradient, _EPSILON * largest)
     return replace(task, settings=settings.model_copy(update={"tau": tau})), float(np.sqrt(power))
 
 
@@ -310,10 +336,12 @@ def fill_estimate(
         _in_columns(settings, grid),
         grid.in_columns(intrinsics),
         float(recording.attrs["full_scale"]),
+        read_demosaicing(recording),
     )
     registrations = choose_registrations(task)
     check_common_view(task, registrations)
-    task, sigma = with_threshold(_at(task, images, groups[0]), registrations)
+    task = with_channel_weights(_at(task, images, groups[0]), registrations)
+    task, sigma = with_threshold(task, registrations)
     dim, usual = LowTextureCount(task), Counter[int]()
     steps = [step_count(len(group), images.shape[-2:]) * len(registrations) for group in groups]
     for number, group in enumerate(groups):

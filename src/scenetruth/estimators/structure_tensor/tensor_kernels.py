@@ -86,6 +86,8 @@ class Filters(NamedTuple):
     """M - 2 S along x and y."""
     window_t: NDArray[np.float32]
     """Window along t."""
+    channels: NDArray[np.float32]
+    """Weights of the channels."""
     window: NDArray[np.float32]
     """w, the window along x and y."""
     window_moment: NDArray[np.float32]
@@ -679,9 +681,8 @@ def estimate_tile(
             for m in range(frames_in_window):
                 at = (made + 1 + m) % frames_in_window
                 for channel in range(channels):
-                    _accumulate_products(
-                        derivatives[channel, at], filters.window_t[m], filters.with_correction, y, products[:, y]
-                    )
+                    weight = filters.window_t[m] * filters.channels[channel]
+                    _accumulate_products(derivatives[channel, at], weight, filters.with_correction, y, products[:, y])
         for y in range(rows):
             _window_columns(products, y, filters, gathered)
             _window_row(gathered, filters, entries)
