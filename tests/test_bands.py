@@ -19,6 +19,7 @@ from scenetruth.bands import COLOURS, ByBand, as_number, find_by_band, in_band
 from scenetruth.provenance import scene_hash
 from scenetruth.resources.cost_estimate import estimate_cost
 from scenetruth.resources.workload import compute_workload, list_object_workloads
+from scenetruth.scene import LEAF_SPECTRA, LEAF_WAVELENGTHS_NM, leaf_material
 from scenetruth.scene.lighting import Lighting
 from tests.helpers.nightly import by_night
 
@@ -207,6 +208,31 @@ def test_spectral_response_scales_the_photons_of_each_band() -> None:
     effects.append({"kind": "spectral_response", "response": response})
     images = images_of(uniform({"kind": "chain", "effects": effects}))
     np.testing.assert_allclose(images[0, 0, 0, 0], [500 * value for value in response.values()], rtol=1e-6)
+
+
+def test_recordings_name_their_demosaicing() -> None:
+    plain = uniform({"noise_std": 0.0, "bayer": "rggb", "demosaicing": "bilinear"}, (16, 12))
+    recording = st.simulate(plain).recording
+    assert recording.attrs["demosaicing"] == "bilinear"
+    grey = copy.deepcopy(plain)
+    del grey["camera"]["bands"]
+    assert st.simulate(grey).recording.image.dims[-1] == "channel"
+    assert "demosaicing" not in st.simulate({**plain, "sensor": {"noise_std": 0.0}}).recording.attrs
+
+
+def test_spectra_of_leaves_are_materials_of_bands() -> None:
+    bands = {"green": 550, "red": 660, "nir": 850}
+    plain = uniform({"noise_std": 0.0, "bit_depth": None}, (16, 12))
+    plain["camera"]["bands"] = list(bands)
+    material = leaf_material("green_leaf", bands, refractive_index=1.0)
+    plain["objects"][0] |= {"texture": {"kind": "uniform", "radiance": 1}, "material": material}
+    plain["lighting"] = {"lights": [{"kind": "directional", "direction": [0, 0, 1], "irradiance": 1}]}
+    at = [LEAF_WAVELENGTHS_NM.index(wavelength) for wavelength in bands.values()]
+    reflected = np.array(LEAF_SPECTRA["green_leaf"].reflectance)[at]
+    np.testing.assert_allclose(images_of(plain)[0, 0, 6, 8], reflected, atol=1e-4)
+    plain["lighting"]["lights"][0]["direction"] = [0, 0, -1]
+    transmitted = np.array(LEAF_SPECTRA["green_leaf"].transmittance)[at]
+    np.testing.assert_allclose(images_of(plain)[0, 0, 6, 8], transmitted, atol=1e-4)
 
 
 @pytest.mark.filterwarnings("ignore::scenetruth.errors.SceneWarning")

@@ -93,10 +93,16 @@ def blank_recording(scene: Scene, attrs: Mapping[str, Any] | None = None, *, sav
 
 
 def acquisition_attributes(scene: Scene) -> dict[str, Any]:
-    """Return what a laboratory would know about stage, lens and shutter: the statistics of errors, not their draws."""
+    """Return what a laboratory would know about stage, lens, shutter and demosaicing.
+
+    Errors are given by their statistics, not by their draws.
+    """
     found: dict[str, Any] = dict(tolerance_attributes(scene.stage.stated_tolerances()))
     if scene.camera.distortion is not None:
         found["distortion"] = list(scene.camera.distortion.coefficients)
+    demosaicing = build_sensor_chain(scene.sensor).demosaicing
+    if demosaicing:
+        found["demosaicing"] = demosaicing
     if scene.shutter.readout_time_s > 0:
         found["line_time_s"] = scene.shutter.readout_time_s / max(scene.camera.height - 1, 1)
         if scene.shutter.stage_speed_mm_per_s != 0:

@@ -83,6 +83,12 @@ class SensorChain(FrozenModel):
         """Whether an image depends on the previous image."""
         return any(effect.remembers for effect in self.effects)
 
+    @property
+    def demosaicing(self) -> str:
+        """Method of the demosaicing; empty for none."""
+        methods = [effect.method for effect in self.effects if isinstance(effect, Demosaicing)]
+        return methods[-1] if methods else ""
+
     def channels(self, bands: tuple[str, ...]) -> tuple[str, ...]:
         """Return the names of the channels of the images of a camera with these bands; empty for grey images."""
         for effect in self.effects:
