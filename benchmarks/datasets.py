@@ -174,7 +174,7 @@ def memory(folder: Path, samples: int = 300) -> None:
     begin_dataset(DatasetFolder(folder / "memory"), cubes(samples))
     workers = ProcessExecutor(1)
     for number in range(samples):
-        workers.submit(try_sample, str(folder / "memory"), number).result()
+        workers.submit(try_sample, str(folder / "memory"), {}, number).result()
         if (number + 1) % 30 == 0:
             (process,) = workers._pool._processes  # type: ignore[union-attr]
             lines = Path(f"/proc/{process}/status").read_text(encoding="utf-8").splitlines()

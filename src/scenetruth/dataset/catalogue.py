@@ -17,11 +17,12 @@ from scenetruth.dataset.sampler import Sampler
 from scenetruth.dataset.samples import STATISTICS
 from scenetruth.errors import StoreError
 from scenetruth.output import is_full_disk
-from scenetruth.scoring import Score
 
 if TYPE_CHECKING:
     import pandas as pd
     import pyarrow
+
+    from scenetruth.scoring import Score
 
 __all__ = [
     "FILES",

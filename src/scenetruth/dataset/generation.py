@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -178,54 +179,55 @@ def run_dataset(
     """
     resolve_workers(workers)
     places, whole = DatasetFolder(output), partition or Partition()
-    if recipe is None:
-        read_fingerprint(places)
-        sampler = open_sampler(places)
-    else:
-        sampler = load_recipe(recipe, overrides=overrides).sampler()
-        refuse_recipe(sampler)
-    identity = begin_dataset(places, sampler, extend=extend)
-    forecast = estimate_sample_cost(sampler, identity, limits or Limits(), places.path)
-    outcome = DatasetRunResult(places)
-    with lock_output(places.path / f"run-{whole.label}"):
-        for group in places.groups_with_leftovers():
-            remove_leftovers(group, claim_sample)
-        store = SampleStore.of(places, sampler, identity)
-        numbers = store.numbers(whole)
-        done = store.present(numbers)
-        outcome.present = len(done)
-        writer = CatalogueWriter(places, sampler, whole.label)
-        _catalogue_missing(store, writer, done)
-        store.pack(numbers)
-        crew = create_executor(workers, threads, scheduler)
-        if dashboard := getattr(crew, "dashboard", ""):
-            say(f"dashboard: {dashboard}")
-        work = _Work(places, store, writer, outcome, len(numbers), progress, say)
-        room = ResourceGuard(places.path, 2 * crew.count * forecast.disk_wanted_bytes, forecast.memory_bytes)
-        try:
-            drive = TaskScheduler(
-                crew,
-                try_sample,
-                (str(places.path.resolve()),),
-                work.made,
-                work.failed,
-                say,
-                room,
-                retries,
-                max_tasks_per_worker,
-            )
-            work.tell()
-            drive.run(number for number in numbers if number not in done)
-            crew.renew()
-            write_with_retry(writer.flush, "the catalogue", say)
-        finally:
-            crew.close()
+    # Processes are started by their first task.
+    with closing(create_executor(workers, threads, scheduler)) as crew:
+        if recipe is None:
+            read_fingerprint(places)
+            sampler = open_sampler(places)
+        else:
+            sampler = load_recipe(recipe, overrides=overrides).sampler()
+            refuse_recipe(sampler, crew)
+        identity = begin_dataset(places, sampler, extend=extend)
+        forecast = estimate_sample_cost(sampler, identity, limits or Limits(), places.path)
+        outcome = DatasetRunResult(places)
+        with lock_output(places.path / f"run-{whole.label}"):
             for group in places.groups_with_leftovers():
                 remove_leftovers(group, claim_sample)
-            writer.flush_if_there_is_room()
-        if len(store.present(range(identity.count))) == identity.count:
-            write_with_retry(lambda: merge_parts(places, sampler), "the catalogue", say)
-    return outcome
+            store = SampleStore.of(places, sampler, identity)
+            numbers = store.numbers(whole)
+            done = store.present(numbers)
+            outcome.present = len(done)
+            writer = CatalogueWriter(places, sampler, whole.label)
+            _catalogue_missing(store, writer, done)
+            store.pack(numbers)
+            if dashboard := getattr(crew, "dashboard", ""):
+                say(f"dashboard: {dashboard}")
+            work = _Work(places, store, writer, outcome, len(numbers), progress, say)
+            room = ResourceGuard(places.path, 2 * crew.count * forecast.disk_wanted_bytes, forecast.memory_bytes)
+            try:
+                drive = TaskScheduler(
+                    crew,
+                    try_sample,
+                    (str(places.path.resolve()), sampler.known),
+                    work.made,
+                    work.failed,
+                    say,
+                    room,
+                    retries,
+                    max_tasks_per_worker,
+                )
+                work.tell()
+                drive.run(number for number in numbers if number not in done)
+                crew.renew()
+                write_with_retry(writer.flush, "the catalogue", say)
+            finally:
+                crew.close()
+                for group in places.groups_with_leftovers():
+                    remove_leftovers(group, claim_sample)
+                writer.flush_if_there_is_room()
+            if len(store.present(range(identity.count))) == identity.count:
+                write_with_retry(lambda: merge_parts(places, sampler), "the catalogue", say)
+        return outcome
 
 
 def estimate_sample_cost(

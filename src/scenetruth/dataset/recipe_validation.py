@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import copy
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Mapping, Sequence
+from concurrent.futures import Future
+from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any
 
 from scenetruth.dataset.distributions import DerivedDistribution
 from scenetruth.dataset.sampler import Draw, Sampler, build_drawn_scene
 from scenetruth.errors import Problem, RecipeError, SceneError
-from scenetruth.jobs.executors import ordered_map
+from scenetruth.jobs.executors import TaskExecutor, ordered_map
 from scenetruth.progress import Progress
 from scenetruth.random_streams import generator_for
 from scenetruth.scene.field_paths import PathError, assign
@@ -48,9 +50,9 @@ class DrawReport:
 _REASONS = 6
 
 
-def refuse_recipe(sampler: Sampler, *, tried: int = _TRIED) -> None:
-    """Raise if single values or the first samples of a recipe yield invalid scenes."""
-    problems = range_problems(sampler) or _first_problems(sampler, tried)
+def refuse_recipe(sampler: Sampler, crew: TaskExecutor | None = None, *, tried: int = _TRIED) -> None:
+    """Raise if single values or the first samples of a recipe yield invalid scenes; samples are drawn by ``crew``."""
+    problems = range_problems(sampler) or _first_problems(sampler, tried, crew)
     if problems:
         raise RecipeError(problems)
 
@@ -156,18 +158,46 @@ def _scene_problems(plain: Mapping[str, Any], folder: str | None) -> tuple[Probl
     return ()
 
 
-def _first_problems(sampler: Sampler, tried: int) -> list[Problem]:
+def _first_problems(sampler: Sampler, tried: int, crew: TaskExecutor | None) -> list[Problem]:
     problems: list[Problem] = []
-    for draw in range(min(tried, sampler.recipe.samples)):
-        try:
-            for step in range(sampler.recipe.steps):
-                sampler.draw(draw * sampler.recipe.steps + step).scene()
-        except RecipeError as error:
-            # The first sample that cannot be accepted suffices.
-            return [*problems, *error.problems]
-        except SceneError as error:
-            problems += [_sample_problems(draw, one) for one in error.problems]
+    with closing(_first_draws(sampler, min(tried, sampler.recipe.samples), crew)) as draws:
+        for draw, found in enumerate(draws):
+            if isinstance(found, RecipeError):
+                # The first sample that cannot be accepted suffices.
+                return [*problems, *found.problems]
+            if isinstance(found, SceneError):
+                problems += [_sample_problems(draw, one) for one in found.problems]
+                continue
+            sampler.known[draw] = found.rejected
+            try:
+                for step in range(sampler.recipe.steps):
+                    sampler.draw(draw * sampler.recipe.steps + step).scene()
+            except SceneError as error:
+                problems += [_sample_problems(draw, one) for one in error.problems]
     return problems[:_MAX_LISTED]
+
+
+def _first_draws(
+    sampler: Sampler, count: int, crew: TaskExecutor | None
+) -> Generator[Draw | RecipeError | SceneError, None, None]:
+    """Yield the first draws in order; without acceptance criteria, a transfer would take longer than a draw."""
+    if crew is None or crew.count == 1 or not sampler.recipe.acceptance:
+        yield from (_drawn(sampler, draw) for draw in range(count))
+        return
+    under_way: deque[Future[Draw | RecipeError | SceneError]] = deque()
+    try:
+        for draw in range(count):
+            while len(under_way) < min(crew.count, count - draw):
+                under_way.append(crew.submit(_drawn, sampler, draw + len(under_way)))
+            try:
+                found = under_way.popleft().result()
+            except crew.lost:
+                # The run itself finds out whether processes can be started.
+                found = _drawn(sampler, draw)
+            yield found
+    finally:
+        for future in under_way:
+            future.cancel()
 
 
 def _sample_problems(draw: int, problem: Problem) -> Problem:

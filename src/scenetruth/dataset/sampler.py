@@ -180,6 +180,8 @@ class Sampler:
         }
         self._uniforms = UniformDraws(recipe.seed, recipe.samples, random)
         self._by_key = {item.key: item for item in self.varied}
+        self.known: dict[int, tuple[str, ...]] = {}
+        """Why the attempts before the accepted attempt were rejected, of draws that need no acceptance test."""
 
     def __len__(self) -> int:
         return self.recipe.count
@@ -233,6 +235,8 @@ class Sampler:
         return found
 
     def _search(self, draw: int) -> Draw:
+        if draw in self.known:
+            return replace(self.attempt(draw, len(self.known[draw])), rejected=self.known[draw])
         rejected: list[str] = []
         for attempt in range(self.recipe.max_draws):
             found = self.attempt(draw, attempt)

@@ -7,7 +7,7 @@ import math
 import platform
 import traceback
 import warnings
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -214,8 +214,8 @@ def read_sample(folder: Path) -> dict[str, Any]:
         raise StoreError(folder / SAMPLE, f"is missing or damaged: {error}; {remedy}") from error
 
 
-def try_sample(folder: str, number: int) -> TaskResult:
-    """Generate a sample in a worker; exceptions are returned."""
+def try_sample(folder: str, known: Mapping[int, tuple[str, ...]], number: int) -> TaskResult:
+    """Generate a sample in a worker; exceptions are returned. ``known``: Draws already accepted, see `Sampler`."""
     places = DatasetFolder(folder)
     target = places.sample(number)
     if target.exists():
@@ -224,6 +224,7 @@ def try_sample(folder: str, number: int) -> TaskResult:
     def work() -> dict[str, Any]:
         try:
             sampler, identity = _opened(folder, places.identity.stat().st_mtime_ns)
+            sampler.known.update(known)
             return make_sample(sampler, identity, number, target)
         except BackendUnavailableError as error:
             raise _explain_missing_backend(error) from error

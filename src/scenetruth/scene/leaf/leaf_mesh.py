@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -116,8 +117,12 @@ class _Half:
         return np.concatenate([self.rim, self.axis, self.lattice])
 
 
+@lru_cache(maxsize=4)
 def triangulate_leaf(leaf: LeafForm) -> tuple[Floats, NDArray[np.int32]]:
-    """Triangulate a flat leaf symmetrically about the midrib: vertices (a, b) in mm, and faces, upper side to -Z."""
+    """Triangulate a flat leaf symmetrically about the midrib: vertices (a, b) in mm, and faces, upper side to -Z.
+
+    Scenes of a data set are built for the acceptance test and again for the images.
+    """
     edge = leaf.length_mm / max(round(leaf.length_mm / leaf.resolution_mm), 2)
     margin = compute_margin(leaf)
     rim = _resampled(margin, edge)
@@ -140,7 +145,9 @@ def triangulate_leaf(leaf: LeafForm) -> tuple[Floats, NDArray[np.int32]]:
     points = np.concatenate([points, points[~on_axis] * (1, -1)])
     # Positive areas are oriented from a to b, away from the camera.
     faces = np.concatenate([faces[:, ::-1], twin[faces]])
-    return points, faces.astype(np.int32)
+    triangles = faces.astype(np.int32)
+    points.flags.writeable = triangles.flags.writeable = False
+    return points, triangles
 
 
 def _resampled(margin: Margin, edge: float) -> Floats:
