@@ -378,15 +378,24 @@ def _grid_hits(
         if top >= bottom:
             continue
         left, right = _covered(boxes[face, LOW_U], boxes[face, HIGH_U], grid[0], grid[1], 0, width)
+        if left >= right:
+            continue
         form = forms[face]
+        # Copies, because the compiler cannot know that the output is other memory.
+        w0_x, w0_y, w0_z = form[W0_X], form[W0_X + 1], form[W0_X + 2]
+        w1_x, w1_y, w1_z = form[W1_X], form[W1_X + 1], form[W1_X + 2]
+        w2_x, w2_y, w2_z = form[W2_X], form[W2_X + 1], form[W2_X + 2]
+        blur_x, blur_y, blur_z = form[BLUR_X], form[BLUR_Y], form[BLUR_Z]
         for y in range(top, bottom):
             first, last = left, right
             if right - left > _SHORT:
                 first, last = _between_edges(form, directions, y * width + left, width, left, right)
             for n in range(y * width + first, y * width + last):
                 dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
-                w0, w1, w2 = edge_functions(form, dx, dy, dz)
-                if not inside(w0, w1, w2, rounding(form, dx, dy, dz)):
+                w0 = dx * w0_x + dy * w0_y + dz * w0_z
+                w1 = dx * w1_x + dy * w1_y + dz * w1_z
+                w2 = dx * w2_x + dy * w2_y + dz * w2_z
+                if not inside(w0, w1, w2, abs(dx) * blur_x + abs(dy) * blur_y + abs(dz) * blur_z):
                     continue
                 depth = depth_on(form, dx, dy, dz)
                 if depth > 0.0 and depth < depth_out[n]:
