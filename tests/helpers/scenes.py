@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from scenetruth.scene import Scene, load_scene
+from scenetruth.scene.leaf import LeafTexture
 
 SCENES = Path(__file__).parents[2] / "scenes"
 LIBRARY = sorted(SCENES.glob("*.yaml"))
@@ -21,6 +22,7 @@ def small(file: Path, parts: int = 4, **changes: Any) -> Scene:
     plants = [
         f"plants.{index}.texture.texels_per_mm={4.01 / plant.texture.mottling_wavelength_mm[0]}"
         for index, plant in enumerate(scene.plants)
+        if isinstance(plant.texture, LeafTexture)
     ]
     objects = [f"objects.{index}.texture={{kind: uniform}}" for index in range(len(scene.objects))]
     size = {"width": camera.width // parts, "height": camera.height // parts}

@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.bands import BandFraction
 from scenetruth.camera import Camera, Viewpoint
 from scenetruth.raycast import (
     Changes,
@@ -216,7 +217,7 @@ class AdaptiveRenderer(RaycastRenderer):
         self,
         world: BuiltScene,
         camera: Camera,
-        background: float = 0.0,
+        background: BandFraction = 0.0,
         lighting: Lighting | None = None,
         topology: Topology | None = None,
         *,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from scenetruth.bands import as_number
 from scenetruth.camera import Camera
 from scenetruth.errors import BackendUnavailableError
 from scenetruth.render.lens_and_shutter import open_behind_lens
@@ -61,7 +60,7 @@ def _pyrender(scene: Scene, world: BuiltScene, wrap: Wrap | None) -> BackendChoi
     settings = scene.render
 
     def open_renderer(camera: Camera, supersampling: int) -> Renderer:
-        background, platform = as_number(scene.background), settings.platform
+        background, platform = scene.background, settings.platform
         return PyrenderRenderer(world, camera, background, supersampling, platform, scene.lighting)
 
     renderer = _behind_lens(scene, world, open_renderer, wrap)
@@ -80,7 +79,7 @@ def _raycast(scene: Scene, world: BuiltScene, wrap: Wrap | None, reason: str) ->
     exact = settings.supersampling == "auto" and settings.edges == "sampled"
 
     def open_band(camera: Camera, supersampling: int, grey: Scene, painted: BuiltScene) -> RaycastRenderer:
-        background, lighting = as_number(grey.background), grey.lighting
+        background, lighting = grey.background, grey.lighting
         if exact:
             error = settings.image_error
             return AdaptiveRenderer(painted, camera, background, lighting, topology, image_error=error)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.bands import BandFraction, as_number
 from scenetruth.camera import Camera, Viewpoint
 from scenetruth.errors import BackendUnavailableError
 from scenetruth.render.opengl import REMEDIES, use_platform
@@ -38,7 +39,7 @@ class PyrenderRenderer(Renderer):
         self,
         world: BuiltScene,
         camera: Camera,
-        background: float = 0.0,
+        background: BandFraction = 0.0,
         supersampling: int = 4,
         platform: str = "auto",
         lighting: Lighting | None = None,
@@ -58,7 +59,7 @@ class PyrenderRenderer(Renderer):
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="opengl")
         self._drawing: _Drawing | None = None
         try:
-            self._drawing = self._thread.submit(_Drawing, world, camera, background, supersampling).result()
+            self._drawing = self._thread.submit(_Drawing, world, camera, as_number(background), supersampling).result()
         except BackendUnavailableError:
             self._thread.shutdown()
             raise

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.bands import BandFraction, as_number
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast import Hits, ImageRays, RayCaster, ShadowCaster, TexturedMesh, Topology, mixed_pixels
 from scenetruth.render.renderer import Renderer
@@ -82,7 +83,7 @@ class RaycastRenderer(Renderer):
         self,
         world: BuiltScene,
         camera: Camera,
-        background: float = 0.0,
+        background: BandFraction = 0.0,
         supersampling: int = 4,
         lighting: Lighting | None = None,
         topology: Topology | None = None,
@@ -92,7 +93,7 @@ class RaycastRenderer(Renderer):
         self.name = "raycast"
         self._world = world
         self._camera = camera
-        self._background = np.float32(background)
+        self._background = np.float32(as_number(background))
         self._topology = topology or Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
         self._caster: tuple[float, RayCaster] | None = None
         rays = pixel_rays(camera)

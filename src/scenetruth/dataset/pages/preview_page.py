@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.bands import as_number
 from scenetruth.camera import Viewpoint
 from scenetruth.dataset.pages.figures import (
     MOST_CHARTS,
@@ -80,7 +79,7 @@ def render_thumbnail(scene: Scene) -> NDArray[np.float32]:
             # Simplification itself may fail; an error of the scene is raised again here.
             small = _small(scene, scene.parts)
             world = build_scene(small)
-        with RaycastRenderer(world, small.camera, as_number(small.background), 1, small.lighting) as renderer:
+        with RaycastRenderer(world, small.camera, small.background, 1, small.lighting) as renderer:
             return renderer.render(0.0, Viewpoint.on_axis(0.0))
 
 

@@ -304,7 +304,8 @@ def blank_estimate(recording: xr.Dataset, settings: StructureTensorSettings) -> 
         {name: blank_map(dtype, (*components, *shape)) for name, (components, dtype) in _MAPS.items()},
         read_intrinsics(recording),
         t=recording["t"].values[outputs],
-        **{name: recording[name].values for name in ("x", "y") if name in recording.coords},
+        x=recording["x"].values if "x" in recording.coords else None,
+        y=recording["y"].values if "y" in recording.coords else None,
         attrs={
             **{key: recording.attrs[key] for key in ("scene", "scene_hash") if key in recording.attrs},
             "method": "structure_tensor",
