@@ -46,6 +46,8 @@ def spectrum(responses: NDArray[np.float64]) -> NDArray[np.float64]:
 def test_noise_of_pixels_and_residuals_is_that_of_impulses(method: Any) -> None:
     power, noise = spectrum(impulses(method)), DEMOSAICED_NOISE[method]
     assert noise.of_pixels == pytest.approx(power[0, 0] / power.mean(), abs=5e-4)
+    along = np.fft.ifft(power.mean(axis=0)).real[: len(noise.along_row)] / power[0, 0]
+    np.testing.assert_allclose(noise.along_row, along, atol=6e-6)
     _, smoothing = PAPER.transfer(np.asarray(2 * np.pi * np.fft.fftfreq(SIZE), dtype=np.float64))
     passed = np.multiply.outer(np.abs(smoothing) ** 2, np.abs(smoothing) ** 2)
     assert noise.of_residuals == pytest.approx(power[0, 0] / (power * passed).sum() * passed.sum(), abs=2e-3)

@@ -37,6 +37,8 @@ class CorrelatedNoise:
     of_residuals
         Power at low frequencies, relative to that of white noise with the same residual after the smoothing of the
         structure tensor in x and y.
+    along_row
+        Covariances of pixels of a row at distances from 0 px, relative to the power at low frequencies.
     share
         Share of the variance of white noise, with the same power at low frequencies, that interpolation by quintic
         splines leaves as residual, in the units of ``noise_share`` of a recording.
@@ -54,12 +56,15 @@ class CorrelatedNoise:
     of_pixels: float
     of_residuals: float
     share: float
+    along_row: tuple[float, ...]
 
 
 DEMOSAICED_NOISE: Mapping[str, CorrelatedNoise] = MappingProxyType(
     {
-        "bilinear": CorrelatedNoise(of_pixels=5.714, of_residuals=1.650, share=0.105),
-        "malvar": CorrelatedNoise(of_pixels=3.636, of_residuals=1.516, share=0.189),
+        "bilinear": CorrelatedNoise(5.714, of_residuals=1.650, share=0.105, along_row=(0.175, 0.1, 0.02188)),
+        "malvar": CorrelatedNoise(
+            3.636, of_residuals=1.516, share=0.189, along_row=(0.275, 0.1, 0.00078, 0.0, 0.00352)
+        ),
     }
 )
 """Noise by method of demosaicing, computed from the kernels of the methods."""

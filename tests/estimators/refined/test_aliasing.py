@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates, spline_filter
 
+import scenetruth as st
+from scenetruth.camera.sensor import demosaic_wave
+from scenetruth.estimators.channel_noise import DEMOSAICED_NOISE
 from scenetruth.estimators.refined import Fit, blank_fit, compute_phase_error_px, enlarge_variances, interpolation_error
 from scenetruth.schema.variables import MOTION_ACCELERATED_IN_PART, MOTION_PLAIN
+from tests.helpers.demosaiced_waves import demosaiced_image, plane_recording, random_waves
+from tests.helpers.nightly import nightly
 from tests.helpers.shifted_stack import Array, shifted_parameters, shifted_stack
 
 SIGMA, NOISE = 5.0, 0.005
@@ -89,3 +97,52 @@ def test_textures_longer_than_four_pixels_change_nothing() -> None:
     in_part = np.full((72, 96), MOTION_ACCELERATED_IN_PART, np.int8)
     found = enlarge_variances(images, fit, in_part, SIGMA, accelerated=False)
     assert np.max(np.sqrt(found.variance / fit.variance)[INSIDE]) < 1.03
+
+
+@pytest.mark.parametrize("method", ["bilinear", "malvar"])
+def test_aliases_of_demosaicing_follow_from_the_reference(method: Any) -> None:
+    """The mean of wave numbers over the power of aliases, relative to that of their squares over all power.
+
+    The filter of aliases passes 0.0014 of the wave, which has 25 to 60 times their power: 2 to 4 %.
+    """
+    colour, k = (1.0, 0.4, 0.2), (2 * np.pi / 8, 0.0)
+    grey = demosaiced_image([(k, colour)], 0.0, (72, 96), "RGGB", method)
+    images = shifted_stack(lambda x, y: 0.0 * x)
+    coefficients = [np.stack([spline_filter(each, 5, mode="mirror") for each in np.moveaxis(grey, -1, 0)])[:, None]]
+    single = replace(
+        images,
+        coefficients=[each.astype(np.float32) for each in coefficients],
+        positions=np.zeros((1, 2)),
+        times=np.zeros(1),
+        demosaiced=DEMOSAICED_NOISE[method],
+    )
+    found, _ = compute_phase_error_px(single, SIGMA, 1e-6, aliases=True)
+    wave = demosaic_wave(k, colour, "RGGB", method)
+    power, along = (np.abs(wave.amplitudes) ** 2).sum(axis=1), np.abs(wave.wave_vectors[:, 0])
+    expected = (power * along)[along > np.pi / 2].sum() / (power * along**2).sum()
+    assert np.median(found[0, 4:-4, 6:-6]) == pytest.approx(expected, rel=0.05)
+
+
+@nightly
+@pytest.mark.parametrize(
+    ("wavelengths", "colour", "method"),
+    [
+        ((6, 12), (1.0, 0.5, 0.2), "malvar"),
+        ((5, 7), (1.0, 1.0, 1.0), "bilinear"),
+        ((5, 7), (1.0, 0.5, 0.2), "malvar"),
+    ],
+)
+def test_uncertainty_includes_the_bias_of_demosaicing(wavelengths: Any, colour: Any, method: Any) -> None:
+    recording = plane_recording(random_waves(wavelengths[0], wavelengths[1], colour), 0.3, "RGGB", method)
+    settings: dict[str, Any] = {"window_sigma_px": 4, "discontinuity_refit": False, "surface": "plane"}
+    scaled = []
+    for attrs in ({}, {"demosaicing": method}):
+        with warnings.catch_warnings():
+            # Biases are named as errors of the poses.
+            warnings.simplefilter("ignore", st.EstimateWarning)
+            estimate = st.estimate(recording.assign_attrs(attrs), "refined", **settings).isel(t=0)
+        error = (estimate["disparity"] - 0.3) / estimate["disparity_std"]
+        scaled.append(float(np.sqrt(np.nanmean(error.values[14:-14, 20:-20] ** 2))))
+    # All errors are biases of one sign; amplitudes are those before interpolation, which removes a part of the aliases.
+    assert scaled[0] > 1.5
+    assert 0.4 < scaled[1] < 1.1

@@ -6,10 +6,15 @@ the wave is -2πX: the image seems to be displaced by -r sin(2πX) / (2πf). Thi
 4 px, and 0.04 px at 2.4 px. The phase is the same in a whole window, so that windows do not average it; over images
 of different phases it averages in part. The power spectrum of the reference determines the amplitude, the fitted
 positions determine the phases, and the design of the fit determines what remains in disparity and motion.
+
+Demosaicing gives a wave of f cycles per px an alias of f - 1/2, with the phase πX relative to the wave. An image seems
+to be displaced by A Im(m* exp(iπX)), with the mean m of exp(iπX) over all images, and A the mean of 2πf over the power
+of the aliases, relative to that of (2πf)² over all power.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -19,11 +24,13 @@ from numpy.typing import NDArray
 from scenetruth.estimators.refined.fit_maps import STEADY_PLACES
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.kernels.window_solver import Fit
+from scenetruth.estimators.refined.noise_estimation import spline_transfer
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART
 
 __all__ = ["compute_phase_error_px", "enlarge_variances", "interpolation_error"]
 
 _TAPS = 16  # half-width of the filters
+_TEXTURE, _ALIAS = 0.15, 0.35  # frequencies up to which waves of demosaiced images are texture, and from which aliases
 _BLOCKS = 2.0  # blocks per standard deviation of a window
 _ABOVE = 3.0  # smallest ratio of the power of fine waves to the standard error of that of noise
 # Indices of the element's variances: slopes and curvatures follow disparity; rotation and growth follow motion.
@@ -43,28 +50,46 @@ def interpolation_error(frequency: Any, order: int) -> Any:
 
 
 @cache
-def _filters(order: int) -> tuple[Map, Map]:
-    """Return filters m and m2: with T, they form the products of the gradient with the error per phase, and itself."""
+def _filters(order: int, *, aliases: bool = False) -> tuple[Map, Map]:
+    """Return filters m and m2: with T, they form the products of the gradient with the error per phase, and itself.
+
+    ``aliases``: Of the aliases of demosaicing, instead of interpolation.
+    """
     count = 8 * _TAPS
     f = np.abs(np.fft.fftfreq(count))
     # The response decays with the square of the distance: its inner half is unchanged, so that waves stay separate.
     window = np.minimum(2.0 * np.hanning(2 * _TAPS + 3)[1:-1], 1.0)
-    whole = (2.0 * np.pi * f * interpolation_error(f, order), (2.0 * np.pi * f) ** 2)
+    if aliases:
+        # A smooth transition has a short filter.
+        share = np.sin(0.5 * np.pi * np.clip((f - _TEXTURE) / (_ALIAS - _TEXTURE), 0.0, 1.0)) ** 2
+    else:
+        share = interpolation_error(f, order)
+    whole = (2.0 * np.pi * f * share, (2.0 * np.pi * f) ** 2)
     middle = slice(count // 2 - _TAPS, count // 2 + _TAPS + 1)
     first, second = (np.real(np.fft.fftshift(np.fft.ifft(each)))[middle] * window for each in whole)
     return first, second
 
 
-def compute_phase_error_px(images: ImageStack, sigma_px: float, noise: float) -> tuple[Map, int]:
+def compute_phase_error_px(
+    images: ImageStack, sigma_px: float, noise: float, *, aliases: bool = False
+) -> tuple[Map, int]:
     """Return the amplitudes of the displacement error along x and y in blocks, (2, rows, columns), and their size.
 
     The displacement of least squares is Σ T_x e / Σ T_x² with the error e = (r / 2πf) T_x of every wave.
+
+    ``aliases``: Error of the aliases of demosaicing, instead of interpolation.
     """
     from scipy.ndimage import convolve1d, gaussian_filter
 
     block = max(1, round(sigma_px / _BLOCKS))
     frame, camera = images.reference()
-    first, second = _filters(images.spline)
+    first, second = _filters(images.spline, aliases=aliases)
+    # Covariances of the noise of neighbours, relative to its power at low frequencies.
+    along = np.zeros(_TAPS + 1)
+    along[0] = 1.0
+    if images.demosaiced is not None:
+        along[: len(images.demosaiced.along_row)] = images.demosaiced.along_row
+    covariance = np.concatenate([along[:0:-1], along])
     sums: Map | None = None
     variance = 0.0
     for channel in range(images.channels):
@@ -73,12 +98,12 @@ def compute_phase_error_px(images: ImageStack, sigma_px: float, noise: float) ->
         grey -= grey.mean()
         # The same noise is in both factors.
         parts = [
-            _block_means(grey * convolve1d(grey, taps, axis=axis, mode="mirror") - taps[_TAPS] * square, block)
+            _block_means(grey * convolve1d(grey, taps, axis=axis, mode="mirror") - taps @ covariance * square, block)
             for taps in (first, second)
             for axis in (1, 0)
         ]
         sums = np.stack(parts) if sums is None else sums + np.stack(parts)
-        variance += 2.0 * float((first**2).sum()) * noise**4
+        variance += 2.0 * float((first**2).sum()) * noise**4 * float(along[0]) ** 2
     assert sums is not None
     means = np.stack([gaussian_filter(each, sigma_px / block) for each in sums])
     # Below its standard error, the power of fine waves is that of noise.
@@ -103,7 +128,10 @@ def enlarge_variances(
     if not np.isfinite(noise):
         return fit
     error, block = compute_phase_error_px(images, sigma_px, noise)
-    if not error.any():
+    of_aliases = np.zeros_like(error)
+    if images.demosaiced is not None:
+        of_aliases, _ = compute_phase_error_px(images, sigma_px, noise, aliases=True)
+    if not error.any() and not of_aliases.any():
         return fit
     centres = [
         np.minimum(np.arange(count) * block + block // 2, size - 1)
@@ -121,14 +149,19 @@ def enlarge_variances(
         few = used <= len(near.times) * cameras
         spans += [(near, in_part & few, True), (images.within(2.0), in_part & ~few, True)]
     for part, where, curved in spans:
-        if where.any():
-            added[:, where] = _added(part, theta[:, where], (centres[1], centres[0]), where, error, accelerated=curved)
+        for kind, sizes in ((_interpolated, error), (_aliased, of_aliases)):
+            if where.any() and sizes.any():
+                at = theta[:, where], (centres[1], centres[0]), where
+                added[:, where] += _added(part, *at, sizes, kind, accelerated=curved)
     known = np.isfinite(added).all(axis=0)
     weights = np.maximum(gaussian_filter(known.astype(np.float64), sigma_px / block), 1e-9)
     # The sign of an error alternates with the phase: neighbours have its mean square.
     added = np.stack([gaussian_filter(np.where(known, each, 0.0), sigma_px / block) / weights for each in added])
     rows, columns = (np.arange(size) // block for size in images.shape)
     whole = added[:, rows[:, None], columns]
+    if images.demosaiced is not None:
+        # Maps divide by the squared transfer, as is due to variances by noise.
+        whole *= (images.transfer / spline_transfer(images.spline)) ** 2
     variance = fit.variance.copy()
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = 1.0 + whole / variance[[0, 3, 4, 5]]
@@ -148,6 +181,7 @@ def _added(
     centres: tuple[NDArray[np.intp], NDArray[np.intp]],
     where: NDArray[np.bool_],
     error: Map,
+    displaced: Callable[[Map], tuple[Map, Map]],
     *,
     accelerated: bool,
 ) -> Map:
@@ -156,6 +190,8 @@ def _added(
     The displacements of the images are a linear function of d, of d q, and of the change of d per frame, which is
     inverted by least squares. The sum of the squares is that of the phases at the fitted positions, which may agree by
     symmetry, and of independent phases.
+
+    ``displaced``: Displacements at the positions of the images, relative to the error, and their mean square.
     """
     view = images.view()
     s, s_y, t = view.s, view.s_y, view.t
@@ -168,19 +204,34 @@ def _added(
     x, y = centres[0][at_columns] - view.centre_x, centres[1][at_rows] - view.centre_y
     d, q_x, q_y, q_z = theta[STEADY_PLACES]
     sizes = error[:, where]
-    out = np.zeros((4, len(d)))
+    at = np.empty((2, len(s), len(d)))
     for i in range(len(s)):
         scale = 1.0 / (1.0 + t[i] * d * q_z / view.focal)
-        at_x = (x + d * (t[i] * q_x - s[i])) * scale + view.centre_x
-        at_y = (y + d * (t[i] * q_y - s_y[i])) * scale + view.centre_y
-        out += inverse[:, i, None] * sizes[0] * np.sin(2.0 * np.pi * at_x)
-        out += inverse[:, len(s) + i, None] * sizes[1] * np.sin(2.0 * np.pi * at_y)
-    halves = np.stack([(inverse[:, : len(s)] ** 2).sum(axis=1), (inverse[:, len(s) :] ** 2).sum(axis=1)])
-    square = out**2 + 0.5 * (halves[0][:, None] * sizes[0] ** 2 + halves[1][:, None] * sizes[1] ** 2)
+        at[0, i] = (x + d * (t[i] * q_x - s[i])) * scale + view.centre_x
+        at[1, i] = (y + d * (t[i] * q_y - s_y[i])) * scale + view.centre_y
+    out = np.zeros((4, len(d)))
+    (right, square_x), (down, square_y) = displaced(at[0]), displaced(at[1])
+    for i in range(len(s)):
+        out += inverse[:, i, None] * sizes[0] * right[i]
+        out += inverse[:, len(s) + i, None] * sizes[1] * down[i]
+    sums = np.stack([(inverse[:, : len(s)] ** 2).sum(axis=1), (inverse[:, len(s) :] ** 2).sum(axis=1)])
+    square = out**2 + (sums[0][:, None] * sizes[0] ** 2 * square_x + sums[1][:, None] * sizes[1] ** 2 * square_y)
     if len(images.positions) == 1:
         return np.stack([0.0 * d, square[1], square[2], 0.0 * d])
     # From px to the units of the parameters: d q, and d² q_Z / f.
     return np.stack([square[0], square[1] / d**2, square[2] / d**2, square[3] * (view.focal / d**2) ** 2])
+
+
+def _interpolated(places: Map) -> tuple[Map, Map]:
+    """Return the displacements by interpolation of images at positions in px, shape (n, any), and the mean square."""
+    return np.sin(2.0 * np.pi * places), np.full(places.shape[1:], 0.5)
+
+
+def _aliased(places: Map) -> tuple[Map, Map]:
+    """Return those by aliases of demosaicing, relative to the mean of the images."""
+    turned = np.exp(1j * np.pi * places)
+    mean = turned.mean(axis=0)
+    return (np.conj(mean) * turned).imag, 0.5 * np.abs(mean) ** 2
 
 
 def _block_means(values: Map, block: int) -> Map:

@@ -138,6 +138,7 @@ class FrameTask:
             shutter=self._schedule.shutter,
             lens=self._lens,
             region=Region(0, 0, height, width, (height, width)),
+            demosaiced=read_demosaicing(self._recording),
         )
 
     def _estimate_whole(self, frames: FramesNeeded, images: ImageStack, report: Report | None) -> FrameEstimate:

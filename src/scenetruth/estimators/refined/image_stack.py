@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.estimators.channel_noise import CorrelatedNoise
 from scenetruth.estimators.refined.acquisition import PosePriors
 from scenetruth.estimators.refined.kernels.warp import CUBIC, QUINTIC, ImageView
 from scenetruth.estimators.refined.lens_distortion import Lens
@@ -146,6 +147,7 @@ class ImageStack:
     ``noise_limit``: Largest residual of windows that fit well.
     ``noise_share``: Variance of the noise after a resampling of the images, relative to that before, at the pixels of
       the whole image: mean over all images, and that of the reference, shape (2, y, x); None for images as recorded.
+    ``demosaiced``: Noise of the demosaicing; None for images that were not demosaiced.
     """
 
     coefficients: list[NDArray[np.float32]]
@@ -168,6 +170,7 @@ class ImageStack:
     beside: tuple[Region, Map] | None = None
     noise_limit: float = math.inf
     noise_share: Map | None = None
+    demosaiced: CorrelatedNoise | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
