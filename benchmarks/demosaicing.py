@@ -51,7 +51,7 @@ def single_wave(wavelength: float, colour: Any, method: Any) -> list[str]:
     behind = [demosaic_wave(k, amplitudes, PATTERN, method) for k, amplitudes in waves]
     registered = measured_displacement(waves, DISPLACEMENT_PX, PERIOD_PX, PATTERN, method) - DISPLACEMENT_PX
     recording = plane_recording(waves, DISPLACEMENT_PX, PATTERN, method, (40, 90))
-    tensor = measured(recording, "structure_tensor", working_point_px=0)
+    tensor = measured(recording, "structure_tensor", working_point_px=0, noise_std=0.01)
     return [
         both(registered, predict_displacement(behind, DISPLACEMENT_PX) - DISPLACEMENT_PX),
         both(tensor, tensor_displacement(behind, DISPLACEMENT_PX) - DISPLACEMENT_PX),
@@ -67,7 +67,7 @@ def texture(wavelengths: tuple[float, float], colour: Any, method: Any) -> list[
     predicted = predict_displacement(
         behind, DISPLACEMENT_PX, STEPS.tolist(), response=quintic_spline_response, gradient="mean"
     )
-    tensor = measured(recording, "structure_tensor", working_point_px=0)
+    tensor = measured(recording, "structure_tensor", working_point_px=0, noise_std=0.01)
     return [
         both(refined, predicted - DISPLACEMENT_PX),
         both(tensor, tensor_displacement(behind, DISPLACEMENT_PX) - DISPLACEMENT_PX),

@@ -85,8 +85,7 @@ def blank_estimate(given: Iterable[str], *, recording: xr.Dataset, t: ArrayLike)
         {str(name): blank_map(item.dtype, [sizes[dim] for dim in item.dims]) for name, item in made.data_vars.items()},
         read_intrinsics(recording),
         t=frames,
-        x=recording["x"].values if "x" in recording.coords else None,
-        y=recording["y"].values if "y" in recording.coords else None,
+        **{name: recording[name].values for name in ("x", "y") if name in recording.coords},
         attrs={key: value for key, value in made.attrs.items() if key != "estimate_hash"},
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -385,7 +385,7 @@ def label(
     stage_x_mm: ArrayLike | None = None,
     stage_y_mm: ArrayLike | None = None,
     planned_time_s: ArrayLike | None = None,
-    channel: Sequence[str] | None = None,
+    channel: ArrayLike | None = None,
     x: ArrayLike | None = None,
     y: ArrayLike | None = None,
     attrs: Mapping[str, Any] | None = None,
@@ -422,7 +422,7 @@ def label(
         images = tuple(dim for dim in ("s_y", "s", "t") if dim in sizes)
         coordinates["planned_time_s"] = (images, np.array(planned_time_s, dtype=np.float64))
     if channel is not None and "channel" in sizes:
-        coordinates["channel"] = ("channel", list(channel))
+        coordinates["channel"] = ("channel", np.asarray(channel, dtype=str))
     for name, names in COMPONENTS.items():
         if name in sizes:
             coordinates[name] = (name, names)
