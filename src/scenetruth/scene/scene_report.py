@@ -61,18 +61,21 @@ def find_lighting_problems(scene: Scene, world: BuiltScene, times: Sequence[floa
 def _material_problems(scene: Scene, world: BuiltScene) -> list[Problem]:
     """Return the problems of surfaces that reflect and transmit more light than they receive."""
     problems: dict[str, Problem] = {}
+    most: dict[str, float] = {}
     for (path, item), body in zip(scene.parts, world.bodies, strict=False):
-        # The leaves of a plant have one material.
+        # The leaves of a plant have one material, and textures of their own: the brightest of them decides.
         where = path if path.startswith("objects") else ".".join(path.split(".")[:2])
         share = max(material.transmittance + material.reflectance - 1 for material in body.materials)
-        if share <= 0 or where in problems:
+        if share <= 0:
             continue
         rows, columns = body.texture.shape
         u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
         brightest = float(body.texture.radiance(np.column_stack([u.ravel(), v.ravel()])).max())
-        if brightest * (1 + share) > 1 + _BRIGHTER:
+        sent = brightest * (1 + share)
+        if sent > max(1 + _BRIGHTER, most.get(where, 0.0)):
+            most[where] = sent
             message = f"the texture reaches {brightest:.3g}: reflection and transmission add up to "
-            message += f"{brightest * (1 + share):.3g} of the light, more than 1; at most {1 / brightest - 1:.3g}"
+            message += f"{sent:.3g} of the light, more than 1; at most {1 / brightest - 1:.3g}"
             problems[where] = Problem(f"{where}.material.transmittance", message, item.material.transmittance)
     return list(problems.values())
 
