@@ -63,25 +63,30 @@ def find_lighting_problems(scene: Scene, world: BuiltScene, times: Sequence[floa
 def _reflectance_problems(scene: Scene, world: BuiltScene) -> list[Problem]:
     """Return the problems of surfaces that reflect and transmit more light than they receive, in any band."""
     problems: dict[str, Problem] = {}
+    most: dict[str, float] = {}
     bands = [f" in the band '{band}'" for band in scene.camera.bands] or [""]
     for band, one, painted in zip(bands, scene.band_scenes(), world.bands or (world,), strict=False):
         for (path, item), body in zip(one.parts, painted.bodies, strict=False):
-            # The leaves of a plant have one material.
+            # The leaves of a plant have one material, and textures of their own: the brightest of them decides.
             where = path if path.startswith("objects") else ".".join(path.split(".")[:2])
             tint = as_number(item.tint)
             share = max(as_number(each.transmittance) + as_number(each.reflectance) - 1 for each in body.materials)
-            if where in problems or (share <= 0 and tint <= 1):
+            if share <= 0 and tint <= 1:
                 continue
             rows, columns = body.texture.shape
             u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
             brightest = float(body.texture.radiance(np.column_stack([u.ravel(), v.ravel()])).max())
+            sent = brightest * (1 + max(share, 0.0))
+            if sent <= max(1 + _BRIGHTER, most.get(where, 0.0)):
+                continue
+            most[where] = sent
             if brightest > 1 + _BRIGHTER and tint > 1:
                 message = f"the texture times the tint reaches {brightest:.3g}{band}, more than 1; "
                 message += f"at most {tint / brightest:.3g}"
                 problems[where] = Problem(f"{where}.tint", message, tint)
-            elif share > 0 and brightest * (1 + share) > 1 + _BRIGHTER:
+            else:
                 message = f"the texture reaches {brightest:.3g}{band}: reflection and transmission add up to "
-                message += f"{brightest * (1 + share):.3g} of the light, more than 1; at most {1 / brightest - 1:.3g}"
+                message += f"{sent:.3g} of the light, more than 1; at most {1 / brightest - 1:.3g}"
                 problems[where] = Problem(f"{where}.material.transmittance", message, item.material.transmittance)
     return list(problems.values())
 
