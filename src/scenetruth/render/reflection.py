@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,10 @@ from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lamp, Lighting
 from scenetruth.scene.material import Material
 
-__all__ = ["Reflection", "ReflectionTables", "SeenPoints", "light_of", "pack_materials"]
+if TYPE_CHECKING:
+    from scenetruth.raycast.surface_tree_kernels import SurfaceTree
+
+__all__ = ["Reflection", "ReflectionTables", "SeenPoints", "light_of", "pack_lamp", "pack_materials"]
 
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # multiplier that combines the zones of all lights into one number
 
@@ -90,6 +93,19 @@ def _mean(table: NDArray[np.float64]) -> float:
     azimuths = np.ones(table.shape[1])
     azimuths[[0, -1]] = 0.5
     return float(weights @ table @ azimuths / azimuths.sum())
+
+
+def pack_lamp(lamp: Lamp) -> NDArray[np.float64]:
+    """Return a lamp with a size as an array for `area_lamp_kernels.light_by_area`."""
+    from scenetruth.render.area_lamp_kernels import POLAR, RECTANGLE, SPHERE
+
+    area = lamp.area
+    assert area is not None
+    assert lamp.position_mm is not None
+    shape = {"round": POLAR, "rectangle": RECTANGLE, "sphere": SPHERE}[area.shape]
+    return np.concatenate(
+        [[shape], lamp.position_mm, area.across, area.down, lamp.axis, area.sizes_mm, [area.radiance]]
+    )
 
 
 def light_of(
@@ -196,6 +212,7 @@ class Reflection:
         self._tangent: tuple[RayCaster, NDArray[np.float64]] | None = None
         self._kinds: list[tuple[NDArray[np.int64], Topology, float]] | None = None
         self._sheets: tuple[RayCaster, list[_Sheet]] | None = None
+        self._tree: tuple[RayCaster, SurfaceTree] | None = None
 
     def light(
         self, caster: RayCaster, lamps: list[Lamp], place: SeenPoints
@@ -211,6 +228,11 @@ class Reflection:
         reflect_ambient(self._lighting.ambient or 0.0, view, surface, factors, gloss)
         through = self._optics.values[self._world.face_material[faces], 4] > 0
         for number, lamp in enumerate(lamps):
+            if lamp.area is not None:
+                seen = self._add_area_light(caster, lamp, place, surface, factors, gloss)
+                # Borders of penumbrae are smooth: surfaces that face away are in another state.
+                state = state * _MIX + (seen >= 0)
+                continue
             if lamp.position_mm is None:
                 to_light = np.broadcast_to(-lamp.axis, points_mm.shape)
             else:
@@ -236,6 +258,39 @@ class Reflection:
             reflect_light(light, to_light, view, surface, factors, gloss)
             state = state * _MIX + zone
         return factors, gloss, state, blocked
+
+    def _add_area_light(
+        self,
+        caster: RayCaster,
+        lamp: Lamp,
+        place: SeenPoints,
+        surface: Any,
+        factors: NDArray[np.float64],
+        gloss: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Add the light of a lamp with a size, and return its visible share at each point, see `light_by_area`."""
+        from scenetruth.raycast.surface_tree_kernels import build_tree
+        from scenetruth.render.area_lamp_kernels import light_by_area
+
+        if self._tree is None or self._tree[0] is not caster:
+            corners = caster.vertices_mm[caster.topology.faces]
+            self._tree = (caster, build_tree(corners if self._lighting.shadows else corners[:0]))
+        return light_by_area(
+            pack_lamp(lamp), self._tree[1], self._face_shares, place[:4], place.starts_mm, surface, factors, gloss
+        )
+
+    @cached_property
+    def _face_shares(self) -> NDArray[np.float64]:
+        """Share of light that passes each face, shape (m,)."""
+        return np.array([self._mean_transmittance(index) for index in range(len(self._world.materials))])[
+            self._world.face_material
+        ]
+
+    def _mean_transmittance(self, index: int) -> float:
+        """Return the share of light that a material transmits on average over the texture."""
+        share = float(self._optics.values[index, 4])
+        texture = self._world.bodies[self._world.materials[index][1]].texture
+        return share * float(np.mean(texture.raster())) if share else 0.0
 
     @cached_property
     def _optics(self) -> ReflectionTables:
@@ -269,10 +324,10 @@ class Reflection:
             world, values = self._world, self._optics.values[:, 4]
             through = values[world.face_material] > 0
             groups = [(np.flatnonzero(~through), 0.0)]
-            for index in np.flatnonzero(values > 0):
-                texture = world.bodies[world.materials[index][1]].texture
-                mean = float(np.mean(texture.raster()))
-                groups.append((np.flatnonzero(world.face_material == index), mean * float(values[index])))
+            groups += [
+                (np.flatnonzero(world.face_material == index), self._mean_transmittance(int(index)))
+                for index in np.flatnonzero(values > 0)
+            ]
             self._kinds = [
                 (chosen, Topology.of(caster.vertices_mm, world.faces[chosen], world.crease_deg[chosen]), share)
                 for chosen, share in groups

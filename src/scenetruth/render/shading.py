@@ -30,7 +30,8 @@ class PixelLight:
     ``borders``: Pixels at the borders of shadows and light cones, shape (height, width).
     ``blocked``: Lamps that do not reach the point because of a shadow, one bit each from the lowest, uint64, shape
       (height, width).
-    ``gloss``: Radiance that does not depend on the texture, shape (height, width); None if all surfaces are matt.
+    ``gloss``: Radiance that does not depend on the texture, shape (height, width); None with matt surfaces and lamps
+      without a size only.
     """
 
     shade: NDArray[np.float64]
@@ -66,8 +67,9 @@ class PixelLight:
 class Arrived(NamedTuple):
     """Light that arrives at points and leaves them towards the camera.
 
-    The radiance is texture x ``factors`` + ``gloss``. ``gloss`` is None if all surfaces are matt. ``state``: Numbers
-    that differ between points lit by different lights or cone zones. ``blocked``: See `PixelLight`. Shape (n,) each.
+    The radiance is texture x ``factors`` + ``gloss``. ``gloss`` is None with matt surfaces and lamps without a size
+    only. ``state``: Numbers that differ between points lit by different lights or cone zones. ``blocked``: See
+    `PixelLight`. Shape (n,) each.
     """
 
     factors: NDArray[np.float64]
@@ -126,7 +128,7 @@ class Shader:
         self._world = world
         self._corner_normals: tuple[float, NDArray[np.float64]] | None = None
         self._shadows: ShadowCaster | None = None
-        self.matt = all(material.matt for material, _ in world.materials)
+        self.simple = all(material.matt for material, _ in world.materials) and not lighting.has_areas
         self._reflection = Reflection(lighting, world)
 
     def arrived(
@@ -152,7 +154,7 @@ class Shader:
         lamps = self._lighting.lamps_at(t)
         factors, (state, blocked) = np.ones(len(directions)), np.zeros((2, len(directions)), dtype=np.uint64)
         gloss = None
-        if self.matt:
+        if self.simple:
             found = self.irradiance(caster, lamps, points, normals, hits.face[seen], starts)
             factors[seen], state[seen], blocked[seen] = found
         else:
@@ -310,7 +312,7 @@ class Shader:
 
         lamps = self._lighting.lamps_at(t)
         near = any(lamp.position_mm is not None for lamp in lamps)
-        if not self.matt or len(lamps) > 64 or near:
+        if not self.simple or len(lamps) > 64 or near:
             return None
         flat = not self._world.face_smooth.any()
         normals = caster.face_normals

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,43 @@ from scenetruth.scene.motion import MotionModel, Points
 from scenetruth.scene.motion.rigid_motions import Motion
 from scenetruth.validated_model import Direction, Finite, FrozenModel, NonNegative, Positive, Vector3
 
-__all__ = ["EVERYWHERE", "DirectionalLight", "Flicker", "Lamp", "LightModel", "Lighting", "PointLight", "SpotLight"]
+__all__ = [
+    "EVERYWHERE",
+    "DirectionalLight",
+    "DiscLight",
+    "Flicker",
+    "Lamp",
+    "LampArea",
+    "LightModel",
+    "Lighting",
+    "PointLight",
+    "RectangleLight",
+    "RingLight",
+    "SphereLight",
+    "SpotLight",
+]
 
 
 EVERYWHERE = -1.0
 """Cone-border cosine of a lamp without a cone."""
+_PARALLEL = 1e-6  # length below which the width of a lamp is parallel to its axis
+
+
+@dataclass(frozen=True, eq=False)
+class LampArea:
+    """Size of a lamp; every part of it has the same radiance in all directions of its front.
+
+    ``shape``: ``round`` (discs and rings), ``rectangle`` or ``sphere``.
+    ``across``, ``down``: Unit vectors, shape (3,) each, at right angles to the axis of the lamp.
+    ``sizes_mm``: Inner and outer radius, or half the width and half the height.
+    ``radiance``: In units in which irradiance 1 gives the value of the texture.
+    """
+
+    shape: Literal["round", "rectangle", "sphere"]
+    across: NDArray[np.float64]
+    down: NDArray[np.float64]
+    sizes_mm: tuple[float, float]
+    radiance: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +62,7 @@ class Lamp:
     ``axis``: Unit vector of the light direction, shape (3,); zeros for a point light.
     ``irradiance``: E at normal incidence at ``reference_distance_mm``, which is 0 for a directional light.
     ``cos_inner``, ``cos_outer``: Cosines of the inner and outer cone angles of a spotlight; -1 and -1 for other lights.
+    ``area``: None for lamps without a size.
     """
 
     position_mm: NDArray[np.float64] | None
@@ -38,6 +71,7 @@ class Lamp:
     reference_distance_mm: float
     cos_inner: float
     cos_outer: float
+    area: LampArea | None = None
 
 
 class LightModel(FrozenModel):
@@ -154,6 +188,148 @@ class SpotLight(LightModel):
         return Lamp(at, axis, self.irradiance, self.reference_distance_mm, float(inner), float(outer))
 
 
+class _FlatLight(LightModel):
+    """Base class of flat lamps, which emit equal radiance into the half space in front of them (Lambert)."""
+
+    position_mm: Vector3
+    """World position of the centre at t = 0 in mm."""
+    direction: Direction | None = None
+    """Direction in which the lamp faces at t = 0, of any length; alternative to ``target_mm``."""
+    target_mm: Vector3 | None = None
+    """World point that the lamp faces at t = 0."""
+    irradiance: NonNegative
+    """Irradiance E at normal incidence on the axis, at ``reference_distance_mm`` from the centre."""
+    reference_distance_mm: Positive
+    """Distance from the lamp at which ``irradiance`` is specified."""
+    motion: tuple[Motion, ...] = ()
+    """Motion of the lamp; rotations without a specified point are about its position."""
+
+    @model_validator(mode="after")
+    def _one_axis(self) -> Self:
+        if (self.direction is None) == (self.target_mm is None):
+            msg = "specify either direction or target_mm"
+            raise ValueError(msg)
+        if self.target_mm == self.position_mm:
+            msg = "target_mm must differ from position_mm: the lamp would face nowhere"
+            raise ValueError(msg)
+        return self
+
+    def _facing(self, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return position and axis at time t."""
+        at = np.asarray(self.position_mm)
+        ahead = at + np.asarray(self.direction) if self.target_mm is None else np.asarray(self.target_mm)
+        return moved_axis(self.motion, self.position_mm, (ahead[0], ahead[1], ahead[2]), t)
+
+    def _round(self, t: float, inner_mm: float, outer_mm: float) -> Lamp:
+        """Return a disc or ring at time t."""
+        at, axis = self._facing(t)
+        across = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+        across /= max(float(np.linalg.norm(across)), 1e-300)
+        shares = [radius**2 / (radius**2 + self.reference_distance_mm**2) for radius in (inner_mm, outer_mm)]
+        radiance = self.irradiance / (np.pi * (shares[1] - shares[0]))
+        area = LampArea("round", across, np.cross(axis, across), (inner_mm, outer_mm), radiance)
+        return Lamp(at, axis, self.irradiance, self.reference_distance_mm, EVERYWHERE, EVERYWHERE, area)
+
+
+class DiscLight(_FlatLight):
+    """Flat, round lamp."""
+
+    kind: Literal["disc"]
+    """``disc``."""
+    radius_mm: Positive
+    """Radius."""
+
+    def lamp(self, t: float) -> Lamp:
+        """Return the light at time t, see `LightModel`."""
+        return self._round(t, 0.0, self.radius_mm)
+
+
+class RingLight(_FlatLight):
+    """Flat, ring-shaped lamp, such as those around a lens."""
+
+    kind: Literal["ring"]
+    """``ring``."""
+    inner_radius_mm: NonNegative
+    """Radius of the opening."""
+    radius_mm: Positive
+    """Outer radius."""
+
+    @field_validator("radius_mm")
+    @classmethod
+    def _outside(cls, value: float, info: ValidationInfo) -> float:
+        inner = info.data.get("inner_radius_mm")
+        if inner is not None and value <= inner:
+            msg = f"must be greater than inner_radius_mm, {inner:g}"
+            raise ValueError(msg)
+        return value
+
+    def lamp(self, t: float) -> Lamp:
+        """Return the light at time t, see `LightModel`."""
+        return self._round(t, self.inner_radius_mm, self.radius_mm)
+
+
+class RectangleLight(_FlatLight):
+    """Flat, rectangular lamp, such as a panel."""
+
+    kind: Literal["rectangle"]
+    """``rectangle``."""
+    size_mm: tuple[Positive, Positive]
+    """Width and height."""
+    width_direction: Direction = (1.0, 0.0, 0.0)
+    """Direction of the width at t = 0; its part at right angles to the axis counts."""
+
+    def lamp(self, t: float) -> Lamp:
+        """Return the light at time t, see `LightModel`."""
+        at, axis = self._facing(t)
+        start = np.asarray(self.position_mm)
+        side = start + np.asarray(self.width_direction)
+        _, across = moved_axis(self.motion, self.position_mm, (side[0], side[1], side[2]), t)
+        across = across - (across @ axis) * axis
+        length = float(np.linalg.norm(across))
+        across = across / length if length > _PARALLEL else np.full(3, np.nan)
+        width, height = self.size_mm
+        x, y = (side / (2 * self.reference_distance_mm) for side in (width, height))
+        x_far, y_far = np.hypot(1, x), np.hypot(1, y)
+        whole = 2 * (x / x_far * np.arctan(y / x_far) + y / y_far * np.arctan(x / y_far))
+        area = LampArea(
+            "rectangle", across, np.cross(axis, across), (width / 2, height / 2), self.irradiance / float(whole)
+        )
+        return Lamp(at, axis, self.irradiance, self.reference_distance_mm, EVERYWHERE, EVERYWHERE, area)
+
+
+class SphereLight(LightModel):
+    """Spherical lamp, which emits equal radiance in all directions."""
+
+    kind: Literal["sphere"]
+    """``sphere``."""
+    position_mm: Vector3
+    """World position of the centre at t = 0 in mm."""
+    radius_mm: Positive
+    """Radius."""
+    irradiance: NonNegative
+    """Irradiance E at normal incidence at ``reference_distance_mm`` from the centre."""
+    reference_distance_mm: Positive
+    """Distance from the centre at which ``irradiance`` is specified; greater than the radius."""
+    motion: tuple[Motion, ...] = ()
+    """Motion of the lamp."""
+
+    @field_validator("reference_distance_mm")
+    @classmethod
+    def _outside(cls, value: float, info: ValidationInfo) -> float:
+        radius = info.data.get("radius_mm")
+        if radius is not None and value <= radius:
+            msg = f"must be greater than radius_mm, {radius:g}"
+            raise ValueError(msg)
+        return value
+
+    def lamp(self, t: float) -> Lamp:
+        """Return the light at time t, see `LightModel`."""
+        at, _ = moved_axis(self.motion, self.position_mm, self.position_mm, t)
+        radiance = self.irradiance / (np.pi * (self.radius_mm / self.reference_distance_mm) ** 2)
+        area = LampArea("sphere", np.zeros(3), np.zeros(3), (0.0, self.radius_mm), radiance)
+        return Lamp(at, np.zeros(3), self.irradiance, self.reference_distance_mm, EVERYWHERE, EVERYWHERE, area)
+
+
 if TYPE_CHECKING:
     Light = LightModel
 else:
@@ -195,6 +371,11 @@ class Lighting(FrozenModel):
     def lit(self) -> bool:
         """Whether surfaces are shaded."""
         return self.ambient is not None or bool(self.lights)
+
+    @property
+    def has_areas(self) -> bool:
+        """Whether any lamp has a size."""
+        return any(light.lamp(0.0).area is not None for light in self.lights)
 
     def brightness(self, t: float) -> float:
         """Return the brightness factor at time t (in frames); exactly 1 without variation."""
