@@ -9,12 +9,10 @@ from numpy.typing import NDArray
 
 from scenetruth.kernels import kernel
 
-__all__ = ["MOST_FOUND", "SurfaceTree", "build_tree", "find_between"]
+__all__ = ["SurfaceTree", "build_tree", "find_between"]
 
 _LEAF = 4  # triangles of a leaf of the tree
 _DEPTH = 64  # most levels
-MOST_FOUND = 4096
-"""Most triangles that are found for one point."""
 
 
 class SurfaceTree(NamedTuple):
@@ -25,19 +23,47 @@ class SurfaceTree(NamedTuple):
       its triangles, shape (k, 2).
     ``order``: Faces by leaf, shape (m,).
     ``corners``: Corners of all faces, shape (m, 3, 3).
+    ``neighbours``: Face across each edge that has the edge in the opposite direction, -1 for none, shape (m, 3).
+    ``bodies``: Body of each face, shape (m,).
     """
 
     spheres: NDArray[np.float64]
     children: NDArray[np.int32]
     order: NDArray[np.int32]
     corners: NDArray[np.float64]
+    neighbours: NDArray[np.int32]
+    bodies: NDArray[np.int32]
 
 
-def build_tree(corners_mm: NDArray[np.float64]) -> SurfaceTree:
-    """Build the tree of triangles, shape (m, 3, 3)."""
+def build_tree(
+    corners_mm: NDArray[np.float64], neighbours: NDArray[np.int32], bodies: NDArray[np.int32]
+) -> SurfaceTree:
+    """Build the tree of triangles, shape (m, 3, 3).
+
+    ``neighbours``: Face across each edge, -1 for none, shape (m, 3). ``bodies``: Body of each face, shape (m,).
+    """
     corners = np.ascontiguousarray(corners_mm)
     spheres, children, order = _build(corners)
-    return SurfaceTree(spheres, children, order, corners)
+    return SurfaceTree(spheres, children, order, corners, _facing_neighbours(corners, neighbours), bodies)
+
+
+@kernel()
+def _facing_neighbours(corners: NDArray[np.float64], neighbours: NDArray[np.int32]) -> Any:
+    """Return the neighbours that have the common edge in the opposite direction, with equal ends."""
+    found = np.full(neighbours.shape, -1, dtype=np.int32)
+    for face in range(corners.shape[0]):
+        for edge in range(3):
+            other, after = neighbours[face, edge], (edge + 1) % 3
+            if other < 0:
+                continue
+            for place in range(3):
+                following, equal = (place + 1) % 3, True
+                for k in range(3):
+                    equal = equal and corners[face, edge, k] == corners[other, following, k]
+                    equal = equal and corners[face, after, k] == corners[other, place, k]
+                if equal:
+                    found[face, edge] = other
+    return found
 
 
 @kernel()
@@ -104,22 +130,23 @@ def _build(corners: NDArray[np.float64]) -> Any:
     return spheres[:used].copy(), children[:used].copy(), order
 
 
-@kernel()
+@kernel(error_model="numpy")
 def find_between(
-    tree: SurfaceTree, start: tuple[float, float, float], lamp: tuple[float, float, float], radius: float, own: int,
-    found: NDArray[np.int32],
+    tree: SurfaceTree, start: tuple[float, float, float], near: float, lamp: tuple[float, float, float], radius: float,
+    own: int, found: NDArray[np.int32],
 ) -> Any:  # fmt: skip
-    """Find the faces that may lie between a point and the sphere around a lamp.
+    """Find the faces that may lie between a sphere around a point and the sphere around a lamp.
 
-    ``start``: The point. ``lamp``, ``radius``: Centre and radius of the sphere.
+    ``start``, ``near``: The point, and the radius of the sphere around it.
+    ``lamp``, ``radius``: Centre and radius of the sphere around the lamp.
     ``own``: Face of the point, which is not found; -1 for none.
-    ``found``: Buffer for the faces. Returns their number, at most the size of the buffer.
+    ``found``: Buffer for the faces. Returns their number, which may exceed the size of the buffer.
     """
-    spheres, children, order, _ = tree
+    spheres, children, order = tree.spheres, tree.children, tree.order
     ax, ay, az = lamp[0] - start[0], lamp[1] - start[1], lamp[2] - start[2]
     length = np.sqrt(ax * ax + ay * ay + az * az)
     ax, ay, az = ax / length, ay / length, az / length
-    slope = radius / length
+    slope = max(radius - near, 0.0) / length
     wider = np.sqrt(1.0 + slope * slope)
     stack = np.empty(2 * _DEPTH, dtype=np.int32)
     stack[0] = 0
@@ -130,10 +157,10 @@ def find_between(
         dx, dy, dz = spheres[node, 0] - start[0], spheres[node, 1] - start[1], spheres[node, 2] - start[2]
         size = spheres[node, 3]
         along = dx * ax + dy * ay + dz * az
-        if along < -size or along > length + radius + size:
+        if along < -size - near or along > length + radius + size:
             continue
-        # The beam is a cone from the point to the disc of the lamp.
-        reach = slope * max(along, 0.0) + size * wider
+        # The beam is a cone between the two spheres.
+        reach = near * wider + slope * max(along, 0.0) + size * wider
         if dx * dx + dy * dy + dz * dz - along * along > reach * reach:
             continue
         if children[node, 0] >= 0:
@@ -142,7 +169,8 @@ def find_between(
             continue
         first = -children[node, 0] - 1
         for place in range(first, first + children[node, 1]):
-            if order[place] != own and count < found.shape[0]:
-                found[count] = order[place]
+            if order[place] != own:
+                if count < found.shape[0]:
+                    found[count] = order[place]
                 count += 1
     return count

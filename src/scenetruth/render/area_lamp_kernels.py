@@ -1,4 +1,4 @@
-"""Kernels for the light of lamps with a size: exact visibility along lines across the lamp, adaptive between them."""
+"""Kernels for the light of lamps with a size: closed forms, and exact visibility along lines across the lamp."""
 
 from __future__ import annotations
 
@@ -8,96 +8,75 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.kernels import kernel
-from scenetruth.raycast.surface_tree_kernels import MOST_FOUND, SurfaceTree, find_between
-from scenetruth.render.reflectance_kernels import frame_of, in_frame, reflect_ray, towards
+from scenetruth.raycast.surface_tree_kernels import SurfaceTree, find_between
+from scenetruth.render.lamp_shadow_kernels import AXIS, CENTRE, RADIANCE, SIZES, line_pieces, outline_edges
+from scenetruth.render.reflectance_kernels import entering, frame_of, in_frame, reflect_ray, towards
 from scenetruth.threads import in_bands
 
-__all__ = ["POLAR", "RECTANGLE", "SPHERE", "light_by_area"]
+__all__ = ["CERTAIN", "POLAR", "RECTANGLE", "SPHERE", "VISIBLE", "lamp_shares", "unshaded_light"]
 
 POLAR, RECTANGLE, SPHERE = 0, 1, 2
 """Shapes of lamps: discs and rings; rectangles; spheres."""
+VISIBLE, CERTAIN = 1, 2
+"""States of points: the lamp is visible from the point; and from all points near it."""
 
 _LEAST_POINTS = 256
-_NEAREST = 1e-7  # of the way to the lamp, below which nothing shades
-_LINES = 8  # intervals between lines; each is halved at least once
-_LEVELS = 7  # most halvings of an interval
-_TOLERANCE = 5e-4  # share of the lamp by which the mean of two lines may differ from the line between
-_MOST_PIECES = 256  # pieces of a line
-_SIDE = 0.5 * np.sqrt(0.6)  # Gauss points of a piece: the middle, and this far from it
+_FIRST_FOUND = 1024
+_LEVELS = 7  # most halvings of an interval between lines
+_TOLERANCE = 1e-3  # share of the lamp by which the mean of two lines may differ from the line between
+_QUADRATURE = 9.2  # -ln of the error of sums around a lamp, 1e-4
+_FEWEST, _FEWEST_SHADED, _MOST = 5, 8, 64  # lines
+_MOST_PARTS = 8  # of a line
+_LITTLE = 0.4  # parts of a line, below which two points serve
+_PAIR = 0.5 / np.sqrt(3.0)  # Gauss points at this distance from the middle
+_SIDE = 0.5 * np.sqrt(0.6)  # Gauss points of a part: the middle, and this far from it
+
+# Further values of a flat lamp and a surface: height of the lamp above the tangent plane, its change across and down;
+# number of parts of a line.
+_HEIGHT, _RISE, _PARTS, _PLACES = 15, 16, 18, 19
 
 
-def light_by_area(
+def unshaded_light(
     lamp: NDArray[np.float64],
-    tree: SurfaceTree,
-    shares: NDArray[np.float64],
     view: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]],
-    starts: NDArray[np.float64],
     surface: tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]],
-    factors: NDArray[np.float64],
-    gloss: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Add the light of a lamp with a size, in place; arguments as for `reflectance_kernels.reflect_light`.
+    """Compute the light of a lamp with a size that nothing shades, as factor and gloss, shape (n, 2).
 
     ``lamp``: Shape; centre; unit vectors across, down and along the emission; inner and outer radius, or half the width
-      and height; and radiance, see `reflection.pack_lamp`, shape (16,).
-    ``shares``: Light that passes each face, shape (m,). ``starts``: Origins of the shadow rays, shape (n, 3).
-    Returns: Share of the lamp that is visible, shape (n,); -1 where the surface faces away.
+      and half the height; and radiance, see `area_lamps.pack_lamp`, shape (16,).
+    ``view``, ``surface``: As for `reflectance_kernels.reflect_light`.
     """
-    seen = np.empty(len(factors))
-    bundle = (tree, shares, starts)
-    in_bands(_light_by_area, len(seen), lamp, bundle, view, surface, factors, gloss, seen, least=_LEAST_POINTS)
-    return seen
+    out = np.empty((len(view[1]), 2))
+    in_bands(_unshaded_light, len(out), lamp, view, surface, out, least=_LEAST_POINTS)
+    return out
 
 
-@kernel(error_model="numpy")
-def _light_by_area(
-    low: int, high: int, lamp: NDArray[np.float64], bundle: tuple[Any, ...], view: tuple[NDArray[Any], ...],
-    surface: tuple[NDArray[Any], ...], factors: NDArray[np.float64], gloss: NDArray[np.float64],
-    seen: NDArray[np.float64],
-) -> None:  # fmt: skip
-    tree, shares, starts = bundle
-    origin, points, normals, faces = view
-    tangents, materials, values, tables = surface
-    found, sizes, passed = (
-        np.empty(MOST_FOUND, dtype=np.int32),
-        np.empty(MOST_FOUND, dtype=np.int32),
-        np.empty(MOST_FOUND),
-    )
-    outlines = np.empty((MOST_FOUND, 5, 2))
-    pieces, marks = np.empty((2 * _MOST_PIECES + 1, 3)), np.empty((_MOST_PIECES, 3))
-    place, stack = np.empty(15), np.empty((_LEVELS + 2, 9))
-    for n in range(low, high):
-        seen[n] = -1.0
-        m, face = materials[faces[n]], faces[n]
-        if not _face_lamp(lamp, points[n], place):
-            continue
-        height = 0.0
-        for k in range(3):
-            height += normals[n, k] * (place[k] - points[n, k])
-        polar = lamp[0] != RECTANGLE
-        radius = place[13] if polar else np.sqrt(place[12] ** 2 + place[13] ** 2)
-        if values[m, 4] == 0.0 and height <= -radius:
-            continue
-        start = (points[n, 0], points[n, 1], points[n, 2])
-        if height > 0.0:
-            start = (starts[n, 0], starts[n, 1], starts[n, 2])
-        count = find_between(tree, start, (place[0], place[1], place[2]), radius, face, found)
-        count = _project(tree.corners, found, count, start, place, polar, shares, outlines, sizes, passed)
-        frame = frame_of(normals[n], tangents[face])
-        eye = towards(frame, origin, points[n])
-        shades = (outlines, sizes, passed, count)
-        optics = (frame, eye, values[m], tables[m])
-        total, factor, shine = _integrate(place, polar, points[n], shades, optics, pieces, marks, stack)
-        factors[n] += factor
-        gloss[n] += shine
-        seen[n] = total
+def lamp_shares(
+    lamp: NDArray[np.float64],
+    tree: SurfaceTree,
+    depths: NDArray[np.float64],
+    view: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]],
+    starts: tuple[NDArray[np.float64], NDArray[np.float64]],
+    surface: tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]],
+) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    """Compute the shares of the light of a lamp that surfaces in front of it let through.
+
+    ``tree``, ``depths``: All surfaces, and the optical depth of each face, shape (m,).
+    ``starts``: Origins of the lines to the lamp, shape (n, 3), and the distance by which each may move, shape (n,).
+    ``lamp``, ``view``, ``surface``: As for `unshaded_light`.
+    Returns: Shares of factor and gloss, and their weights (light without shadows), shape (n, 4); and the state, `VISIBLE` or
+    `CERTAIN` where nothing is in the way, else 0, uint8, shape (n,).
+    """
+    shares, state = np.empty((len(view[1]), 4)), np.zeros(len(view[1]), dtype=np.uint8)
+    in_bands(_lamp_shares, len(state), lamp, (tree, depths, *starts), view, surface, shares, state, least=_LEAST_POINTS)
+    return shares, state
 
 
 @kernel(error_model="numpy")
 def _face_lamp(lamp: NDArray[np.float64], point: NDArray[np.float64], place: NDArray[np.float64]) -> Any:
     """Fill in the flat lamp that a point sees: the lamp, or the disc within the outline of a sphere.
 
-    ``place``: Centre, unit vectors across, down and along the emission, two sizes, and radiance.
     Returns whether the point is in front of the lamp.
     """
     for k in range(15):
@@ -132,200 +111,311 @@ def _face_lamp(lamp: NDArray[np.float64], point: NDArray[np.float64], place: NDA
 
 
 @kernel(error_model="numpy")
-def _project(
-    corners: NDArray[np.float64], found: NDArray[np.int32], count: int, start: tuple[float, float, float],
-    place: NDArray[np.float64], polar: bool, shares: NDArray[np.float64], outlines: NDArray[np.float64],
-    sizes: NDArray[np.int32], passed: NDArray[np.float64],
+def _set_lines(
+    place: NDArray[np.float64], polar: bool, point: NDArray[np.float64], normal: NDArray[np.float64],
+    values: NDArray[np.float64],
 ) -> Any:  # fmt: skip
-    """Project the parts of triangles in front of a lamp onto its plane, and return how many there are."""
-    whole = 0.0
+    """Fill in heights and the number of parts of a line.
+
+    Returns the number of lines, and the part of the lamp above the tangent plane: 1 all, -1 none, 0 some.
+    """
+    height, across, down, far, axial = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(3):
-        whole += (place[k] - start[k]) * place[9 + k]
-    wide, high = (place[13], place[13]) if polar else (place[12], place[13])
-    way = np.empty(3)
-    kept = 0
-    for item in range(count):
-        face = found[item]
-        for c in range(3):
-            way[c] = 0.0
-            for k in range(3):
-                way[c] += (corners[face, c, k] - start[k]) * place[9 + k]
-            way[c] /= whole
-        used = 0
-        for c in range(3):
-            d = (c + 1) % 3
-            # The part of a side from `begin` to `end` lies between the point and the lamp.
-            begin, end = 0.0, 1.0
-            step = way[d] - way[c]
-            if step == 0.0:
-                if way[c] < _NEAREST or way[c] > 1.0:
-                    continue
-            else:
-                one, other = (_NEAREST - way[c]) / step, (1.0 - way[c]) / step
-                begin, end = max(begin, min(one, other)), min(end, max(one, other))
-                if begin > end:
-                    continue
-            for share in (begin, end):
-                if share == 1.0 or used == 5:
-                    continue
-                depth = max(way[c] + share * step, _NEAREST)
-                across, down = 0.0, 0.0
-                for k in range(3):
-                    value = corners[face, c, k] + share * (corners[face, d, k] - corners[face, c, k])
-                    value = (value - start[k]) / depth + start[k] - place[k]
-                    across += value * place[3 + k]
-                    down += value * place[6 + k]
-                outlines[kept, used, 0], outlines[kept, used, 1] = across, down
-                used += 1
-        if used < 3:
-            continue
-        # Outlines of surfaces next to the point are mostly beyond the lamp.
-        left, right, above, below = np.inf, -np.inf, np.inf, -np.inf
-        for c in range(used):
-            left, right = min(left, outlines[kept, c, 0]), max(right, outlines[kept, c, 0])
-            above, below = min(above, outlines[kept, c, 1]), max(below, outlines[kept, c, 1])
-        if left < wide and right > -wide and above < high and below > -high:
-            sizes[kept], passed[kept] = used, shares[face]
-            kept += 1
-    return kept
+        step = place[CENTRE + k] - point[k]
+        height += normal[k] * step
+        across += normal[k] * place[3 + k]
+        down += normal[k] * place[6 + k]
+        far += step * step
+        axial -= step * place[AXIS + k]
+    place[_HEIGHT], place[_RISE], place[_RISE + 1] = height, across, down
+    if polar:
+        radius = place[13]
+        reach = radius * np.sqrt(across * across + down * down)
+        length = place[13] - place[12]
+    else:
+        radius = np.sqrt(place[12] ** 2 + place[13] ** 2)
+        reach, length = abs(across) * place[12] + abs(down) * place[13], 2.0 * place[12]
+    side = 1 if height >= reach else (-1 if height <= -reach else 0)
+    distance = np.sqrt(far)
+    aside = np.sqrt(max(far - axial * axial, 0.0))
+    # Poles of the light around the lamp: where the distance vanishes, and of the microfacets.
+    turn = (far + radius * radius) / (2.0 * max(aside * radius, 1e-300))
+    parts = 2.0 * length / max(axial, 1e-3 * radius)
+    if values[0] > 1.0 or values[3] > 0.0:
+        rough = min(values[1], values[2])
+        turn = min(turn, 1.0 + 2.0 * (rough * distance / radius) ** 2)
+        parts = max(parts, length / (rough * distance))
+    pace = np.log(turn + np.sqrt(max(turn * turn - 1.0, 0.0)))
+    lines = int(min(max(np.ceil(_QUADRATURE / max(pace, 1e-3)), _FEWEST), _MOST))
+    place[_PARTS] = min(parts, _MOST_PARTS)
+    return lines, side
 
 
 @kernel(error_model="numpy")
-def _visible_pieces(
-    x0: float, y0: float, x1: float, y1: float, shades: tuple[Any, ...], pieces: NDArray[np.float64],
-    marks: NDArray[np.float64],
-) -> Any:  # fmt: skip
-    """Fill in the pieces of a line on the lamp that light reaches: begin, end, share. Return their number."""
-    outlines, sizes, passed, count = shades
-    dx, dy = x1 - x0, y1 - y0
-    used = 0
-    for item in range(count):
-        low, high = np.inf, -np.inf
-        size = sizes[item]
-        for c in range(size):
-            d = c + 1 if c + 1 < size else 0
-            ax, ay = outlines[item, c, 0] - x0, outlines[item, c, 1] - y0
-            bx, by = outlines[item, d, 0] - x0, outlines[item, d, 1] - y0
-            one, other = dx * ay - dy * ax, dx * by - dy * bx
-            if (one > 0.0) == (other > 0.0):
-                continue
-            share = one / (one - other)
-            x, y = ax + share * (bx - ax), ay + share * (by - ay)
-            at = (x * dx + y * dy) / (dx * dx + dy * dy)
-            low, high = min(low, at), max(high, at)
-        low, high = max(low, 0.0), min(high, 1.0)
-        if low < high and used < _MOST_PIECES:
-            at = used
-            while at > 0 and marks[at - 1, 0] > low:
-                marks[at] = marks[at - 1]
-                at -= 1
-            marks[at, 0], marks[at, 1], marks[at, 2] = low, high, passed[item]
-            used += 1
-    if used == 0:
-        # In halves, for the accuracy of the quadrature.
-        pieces[0, 0], pieces[0, 1], pieces[0, 2] = 0.0, 0.5, 1.0
-        pieces[1, 0], pieces[1, 1], pieces[1, 2] = 0.5, 1.0, 1.0
-        return 2
-    kept, at = 0, 0.0
-    while at < 1.0:
-        # The next border, and the light that passes up to there.
-        border, share = 1.0, 1.0
-        for item in range(used):
-            if marks[item, 0] > at:
-                border = min(border, marks[item, 0])
-                break
-            if marks[item, 1] > at:
-                border = min(border, marks[item, 1])
-                share *= marks[item, 2]
-        if share > 0.0 and kept < pieces.shape[0]:
-            pieces[kept, 0], pieces[kept, 1], pieces[kept, 2] = at, border, share
-            kept += 1
-        at = border
-    return kept
+def _closed_form(
+    place: NDArray[np.float64], polar: bool, point: NDArray[np.float64], normal: NDArray[np.float64]
+) -> Any:
+    """Return the irradiance by a lamp that is entirely above the tangent plane; negative if it is below."""
+    x, y, z = 0.0, 0.0, 0.0
+    for k in range(3):
+        step = point[k] - place[CENTRE + k]
+        x += step * place[3 + k]
+        y += step * place[6 + k]
+        z += step * place[AXIS + k]
+    nx = normal[0] * place[3] + normal[1] * place[4] + normal[2] * place[5]
+    ny = normal[0] * place[6] + normal[1] * place[7] + normal[2] * place[8]
+    nz = normal[0] * place[9] + normal[1] * place[10] + normal[2] * place[11]
+    if polar:
+        aside = np.sqrt(x * x + y * y)
+        along = -(nx * x + ny * y) / aside if aside > 0.0 else 0.0
+        square = aside * aside + z * z
+        total = 0.0
+        for sign in range(2):
+            radius = place[SIZES + 1 - sign]
+            root = np.sqrt((square + radius * radius) ** 2 - 4.0 * aside * aside * radius * radius)
+            # 1 - (s - R²) / root, and (s + R²) / root - 1, without loss of digits for small lamps.
+            facing = 4.0 * radius * radius * z * z / (root * (root + square - radius * radius))
+            across = 4.0 * aside * radius * radius / (root * (root + square + radius * radius)) * z
+            part = 0.5 * (across * along - facing * nz)
+            total += part if sign == 0 else -part
+        return np.pi * place[RADIANCE] * total
+    # The polygon formula of Lambert.
+    total = 0.0
+    for c in range(4):
+        ax = place[12] * (1.0 if c == 0 or c == 3 else -1.0) - x
+        ay = place[13] * (1.0 if c < 2 else -1.0) - y
+        bx = place[12] * (1.0 if c == 3 or c == 2 else -1.0) - x
+        by = place[13] * (1.0 if c == 0 or c == 3 else -1.0) - y
+        cx, cy, cz = ay * -z + z * by, -z * bx + ax * z, ax * by - ay * bx
+        length = np.sqrt(cx * cx + cy * cy + cz * cz)
+        angle = np.arctan2(length, ax * bx + ay * by + z * z)
+        total += angle * (nx * cx + ny * cy + nz * cz) / length
+    return -0.5 * place[RADIANCE] * total
 
 
 @kernel(error_model="numpy")
 def _along_line(
     s: float, place: NDArray[np.float64], polar: bool, point: NDArray[np.float64], shades: tuple[Any, ...],
-    optics: tuple[Any, ...], pieces: NDArray[np.float64], marks: NDArray[np.float64],
+    optics: tuple[Any, ...],
 ) -> Any:  # fmt: skip
-    """Return the visible share, factor and gloss of one line across the lamp, per unit of s from 0 to 1."""
-    frame, eye, values, tables = optics
+    """Return visible share of a line across the lamp, factor and gloss, and both without shadows; per s from 0 to 1."""
+    edges, count, marks, pieces = shades
+    frame, eye, leaving, values, tables = optics
+    inner, outer = place[12], place[13]
     if polar:
-        inner, outer = place[12], place[13]
         right, below = np.cos(2.0 * np.pi * s), np.sin(2.0 * np.pi * s)
         x0, y0, x1, y1 = inner * right, inner * below, outer * right, outer * below
     else:
-        y0 = y1 = place[13] * (2.0 * s - 1.0)
-        x0, x1 = -place[12], place[12]
-    count = _visible_pieces(x0, y0, x1, y1, shades, pieces, marks)
-    seen, factor, gloss = 0.0, 0.0, 0.0
-    for item in range(count):
-        begin, end, share = pieces[item, 0], pieces[item, 1], pieces[item, 2]
-        for node in range(-1, 2):
-            u = begin + (end - begin) * (0.5 + node * _SIDE)
-            x, y = x0 + u * (x1 - x0), y0 + u * (y1 - y0)
-            weight = (4.0 if node == 0 else 2.5) / 9.0 * share * (end - begin)
+        y0 = y1 = outer * (2.0 * s - 1.0)
+        x0, x1 = -inner, inner
+    kept = 0
+    seen = 1.0
+    if count > 0:
+        kept, seen = line_pieces(x0, y0, x1, y1, edges, count, marks, pieces), 0.0
+        for item in range(kept):
+            begin, end = pieces[item, 0], pieces[item, 1]
             if polar:
-                radius = inner + u * (outer - inner)
-                area = 2.0 * np.pi * radius * (outer - inner)
-                seen += weight * radius * (outer - inner) / (0.5 * (outer * outer - inner * inner))
+                one, other = inner + begin * (outer - inner), inner + end * (outer - inner)
+                seen += pieces[item, 2] * (other * other - one * one) / (outer * outer - inner * inner)
             else:
-                area = 4.0 * place[12] * place[13]
-                seen += weight
-            dx = place[0] + x * place[3] + y * place[6] - point[0]
-            dy = place[1] + x * place[4] + y * place[7] - point[1]
-            dz = place[2] + x * place[5] + y * place[8] - point[2]
+                seen += pieces[item, 2] * (end - begin)
+    first = place[_HEIGHT] + x0 * place[_RISE] + y0 * place[_RISE + 1]
+    last = place[_HEIGHT] + x1 * place[_RISE] + y1 * place[_RISE + 1]
+    crossing = first / (first - last) if (first > 0.0) != (last > 0.0) else 2.0
+    matt = values[0] <= 1.0 and values[3] == 0.0
+    # From the point to the begin of the line, and along it.
+    fx = place[0] + x0 * place[3] + y0 * place[6] - point[0]
+    fy = place[1] + x0 * place[4] + y0 * place[7] - point[1]
+    fz = place[2] + x0 * place[5] + y0 * place[8] - point[2]
+    sx = (x1 - x0) * place[3] + (y1 - y0) * place[6]
+    sy = (x1 - x0) * place[4] + (y1 - y0) * place[7]
+    sz = (x1 - x0) * place[5] + (y1 - y0) * place[8]
+    factor, gloss, all_factor, all_gloss = 0.0, 0.0, 0.0, 0.0
+    at, number, parts = 0.0, 1, np.ceil(place[_PARTS])
+    even = count == 0 and place[_PARTS] < _LITTLE and crossing > 1.0
+    while at < 1.0:
+        # The next part, which ends at the tangent plane at the latest.
+        after = min(number / parts, 1.0)
+        if at < crossing < after:
+            after = crossing
+        else:
+            number += 1
+        width, middle = after - at, 0.5 * (at + after)
+        low, centre, high = 0.0, 1.0, 0.0
+        if count > 0:
+            # Integrals of the parabolas of the three nodes over the visible pieces.
+            low, centre, high = 0.0, 0.0, 0.0
+            for item in range(kept):
+                begin, end = max(pieces[item, 0], at), min(pieces[item, 1], after)
+                if begin >= end:
+                    continue
+                t0, t1 = (begin - middle) / width, (end - middle) / width
+                cubes, squares = (t1**3 - t0**3) / 3.0, 0.5 * _SIDE * (t1 * t1 - t0 * t0)
+                scale = pieces[item, 2] / (2.0 * _SIDE * _SIDE)
+                low += scale * (cubes - squares)
+                high += scale * (cubes + squares)
+                centre += pieces[item, 2] * (t1 - t0) - 2.0 * scale * cubes
+        # Two Gauss points where the light changes little.
+        for node in range(-1, 2, 2 if even else 1):
+            u = middle + width * node * (_PAIR if even else _SIDE)
+            area = 4.0 * inner * outer
+            if polar:
+                area = 2.0 * np.pi * (inner + u * (outer - inner)) * (outer - inner)
+            dx, dy, dz = fx + u * sx, fy + u * sy, fz + u * sz
             square = dx * dx + dy * dy + dz * dz
             far = np.sqrt(square)
-            facing = -(dx * place[9] + dy * place[10] + dz * place[11]) / far
-            light = in_frame(frame, dx / far, dy / far, dz / far)
-            one, other = reflect_ray(place[14] * weight * area * facing / square, light, eye, values, tables)
-            factor += one
-            gloss += other
-    return seen, factor, gloss
+            incident = place[RADIANCE] * width * area * -(dx * place[9] + dy * place[10] + dz * place[11])
+            if matt:
+                rise = first + u * (last - first)
+                one, other = incident / (square * square) * (rise * values[9] if rise > 0.0 else -rise * values[4]), 0.0
+            else:
+                light = in_frame(frame, dx / far, dy / far, dz / far)
+                one, other = reflect_ray(incident / (square * far), light, eye, leaving, values, tables)
+            weight = 0.5 if even else (4.0 if node == 0 else 2.5) / 9.0
+            share = weight
+            if count > 0:
+                share = centre if node == 0 else (low if node < 0 else high)
+            factor, gloss = factor + share * one, gloss + share * other
+            all_factor, all_gloss = all_factor + weight * one, all_gloss + weight * other
+        at = after
+    return seen, factor, gloss, all_factor, all_gloss
+
+
+@kernel(error_model="numpy")
+def _unshaded_light(
+    low: int, high: int, lamp: NDArray[np.float64], view: tuple[NDArray[Any], ...], surface: tuple[NDArray[Any], ...],
+    out: NDArray[np.float64],
+) -> None:  # fmt: skip
+    origin, points, normals, faces = view
+    tangents, materials, values, tables = surface
+    place, polar = np.empty(_PLACES), lamp[0] != RECTANGLE
+    none = (np.empty((0, 5)), 0, np.empty((0, 2)), np.empty((0, 3)))
+    for n in range(low, high):
+        out[n, 0], out[n, 1] = 0.0, 0.0
+        m = materials[faces[n]]
+        if not _face_lamp(lamp, points[n], place):
+            continue
+        lines, side = _set_lines(place, polar, points[n], normals[n], values[m])
+        if side < 0 and values[m, 4] == 0.0:
+            continue
+        if values[m, 0] <= 1.0 and values[m, 3] == 0.0 and side != 0:
+            light = _closed_form(place, polar, points[n], normals[n])
+            out[n, 0] = light * values[m, 9] if side > 0 else -light * values[m, 4]
+            continue
+        frame = frame_of(normals[n], tangents[faces[n]])
+        eye = towards(frame, origin, points[n])
+        optics = (frame, eye, entering(tables[m], eye), values[m], tables[m])
+        if side == 0:
+            lines = max(lines, 4 * _FEWEST_SHADED)
+        if polar:
+            for number in range(lines):
+                line = _along_line(number / lines, place, polar, points[n], none, optics)
+                out[n, 0] += line[3] / lines
+                out[n, 1] += line[4] / lines
+            continue
+        # Three Gauss points between two of the lines.
+        for number in range(lines // 2):
+            for node in range(-1, 2):
+                s = (number + 0.5 + node * _SIDE) / (lines // 2)
+                line = _along_line(s, place, polar, points[n], none, optics)
+                weight = (4.0 if node == 0 else 2.5) / 9.0 / (lines // 2)
+                out[n, 0] += weight * line[3]
+                out[n, 1] += weight * line[4]
+
+
+@kernel(error_model="numpy")
+def _lamp_shares(
+    low: int, high: int, lamp: NDArray[np.float64], bundle: tuple[Any, ...], view: tuple[NDArray[Any], ...],
+    surface: tuple[NDArray[Any], ...], shares: NDArray[np.float64], state: NDArray[np.uint8],
+) -> None:  # fmt: skip
+    tree, depths, starts, near = bundle
+    origin, points, normals, faces = view
+    tangents, materials, values, tables = surface
+    place, polar = np.empty(_PLACES), lamp[0] != RECTANGLE
+    slots = np.full(tree.corners.shape[0], -1, dtype=np.int32)
+    found = np.empty(_FIRST_FOUND, dtype=np.int32)
+    outlines, kinds = np.empty((_FIRST_FOUND, 5, 2)), np.empty((_FIRST_FOUND, 3), dtype=np.int32)
+    edges, marks = np.empty((5 * _FIRST_FOUND, 5)), np.empty((5 * _FIRST_FOUND, 2))
+    pieces = np.empty((5 * _FIRST_FOUND + 1, 3))
+    stack = np.empty((_LEVELS + 2, 13))
+    for n in range(low, high):
+        m, face = materials[faces[n]], faces[n]
+        for k in range(4):
+            shares[n, k] = 1.0
+        state[n] = VISIBLE
+        if not _face_lamp(lamp, points[n], place):
+            state[n] = CERTAIN if near[n] == 0.0 else VISIBLE
+            continue
+        lines, side = _set_lines(place, polar, points[n], normals[n], values[m])
+        if side < 0 and values[m, 4] == 0.0:
+            continue
+        radius = place[13] if polar else np.sqrt(place[12] ** 2 + place[13] ** 2)
+        start = (points[n, 0], points[n, 1], points[n, 2])
+        if place[_HEIGHT] > 0.0:
+            start = (starts[n, 0], starts[n, 1], starts[n, 2])
+        centre = (place[0], place[1], place[2])
+        count = find_between(tree, start, near[n], centre, radius, face, found)
+        if count > found.shape[0]:
+            space = 2 * count
+            found = np.empty(space, dtype=np.int32)
+            outlines, kinds = np.empty((space, 5, 2)), np.empty((space, 3), dtype=np.int32)
+            edges, marks = np.empty((5 * space, 5)), np.empty((5 * space, 2))
+            pieces = np.empty((5 * space + 1, 3))
+            count = find_between(tree, start, near[n], centre, radius, face, found)
+        work = (outlines, kinds, slots)
+        used, certain = outline_edges(
+            tree, found, count, start, near[n], tree.bodies[face], place, polar, depths, work, edges
+        )
+        if used == 0:
+            state[n] = CERTAIN if certain else VISIBLE
+            continue
+        state[n] = 0
+        frame = frame_of(normals[n], tangents[face])
+        eye = towards(frame, origin, points[n])
+        optics = (frame, eye, entering(tables[m], eye), values[m], tables[m])
+        shades = (edges, used, marks, pieces)
+        lines = max(lines, _FEWEST_SHADED)
+        _, factor, gloss, all_factor, all_gloss = _integrate(place, polar, points[n], lines, shades, optics, stack)
+        shares[n, 0] = min(max(factor / all_factor, 0.0), 1.0) if all_factor > 0.0 else 1.0
+        shares[n, 1] = min(max(gloss / all_gloss, 0.0), 1.0) if all_gloss > 0.0 else 1.0
+        shares[n, 2], shares[n, 3] = all_factor, all_gloss
 
 
 @kernel(error_model="numpy")
 def _integrate(
-    place: NDArray[np.float64], polar: bool, point: NDArray[np.float64], shades: tuple[Any, ...],
-    optics: tuple[Any, ...], pieces: NDArray[np.float64], marks: NDArray[np.float64], stack: NDArray[np.float64],
+    place: NDArray[np.float64], polar: bool, point: NDArray[np.float64], lines: int, shades: tuple[Any, ...],
+    optics: tuple[Any, ...], stack: NDArray[np.float64],
 ) -> Any:  # fmt: skip
-    """Return visible share, factor and gloss of a lamp by Simpson's rule over lines, halved where visibility bends."""
-    seen, factor, gloss = 0.0, 0.0, 0.0
-    if shades[3] == 0 and polar:
-        # Equal steps around a lamp that is wholly visible.
-        for number in range(_LINES):
-            ray = _along_line(number / _LINES, place, polar, point, shades, optics, pieces, marks)
-            seen, factor, gloss = seen + ray[0] / _LINES, factor + ray[1] / _LINES, gloss + ray[2] / _LINES
-        return seen, factor, gloss
-    first = _along_line(0.0, place, polar, point, shades, optics, pieces, marks)
+    """Integrate a lamp by Simpson's rule over lines, halved where visibility bends; see `_along_line`."""
+    seen, factor, gloss, all_factor, all_gloss = 0.0, 0.0, 0.0, 0.0, 0.0
+    first = _along_line(0.0, place, polar, point, shades, optics)
     before = first
-    for number in range(_LINES):
+    for number in range(lines):
         after = first
-        if number + 1 < _LINES or not polar:
-            after = _along_line((number + 1) / _LINES, place, polar, point, shades, optics, pieces, marks)
-        stack[0, 0], stack[0, 1], stack[0, 2] = number / _LINES, 1.0 / _LINES, 0.0
-        stack[0, 3], stack[0, 4], stack[0, 5] = before
-        stack[0, 6], stack[0, 7], stack[0, 8] = after
+        if number + 1 < lines or not polar:
+            after = _along_line((number + 1) / lines, place, polar, point, shades, optics)
+        stack[0, 0], stack[0, 1], stack[0, 2] = number / lines, 1.0 / lines, 0.0
+        for k in range(5):
+            stack[0, 3 + k], stack[0, 8 + k] = before[k], after[k]
         waiting = 1
         while waiting:
             waiting -= 1
             s, width, level = stack[waiting, 0], stack[waiting, 1], stack[waiting, 2]
-            v0, f0, g0 = stack[waiting, 3], stack[waiting, 4], stack[waiting, 5]
-            v1, f1, g1 = stack[waiting, 6], stack[waiting, 7], stack[waiting, 8]
-            middle = _along_line(s + 0.5 * width, place, polar, point, shades, optics, pieces, marks)
-            if level >= _LEVELS or abs(middle[0] - 0.5 * (v0 + v1)) * width <= _TOLERANCE:
-                seen += width / 6.0 * (v0 + 4.0 * middle[0] + v1)
-                factor += width / 6.0 * (f0 + 4.0 * middle[1] + f1)
-                gloss += width / 6.0 * (g0 + 4.0 * middle[2] + g1)
+            bend = 0.5 * (stack[waiting, 3] + stack[waiting, 8])
+            middle = _along_line(s + 0.5 * width, place, polar, point, shades, optics)
+            if level >= _LEVELS or abs(middle[0] - bend) * width <= _TOLERANCE:
+                share = width / 6.0
+                seen += share * (stack[waiting, 3] + 4.0 * middle[0] + stack[waiting, 8])
+                factor += share * (stack[waiting, 4] + 4.0 * middle[1] + stack[waiting, 9])
+                gloss += share * (stack[waiting, 5] + 4.0 * middle[2] + stack[waiting, 10])
+                all_factor += share * (stack[waiting, 6] + 4.0 * middle[3] + stack[waiting, 11])
+                all_gloss += share * (stack[waiting, 7] + 4.0 * middle[4] + stack[waiting, 12])
                 continue
-            stack[waiting, 0], stack[waiting, 1], stack[waiting, 2] = s, 0.5 * width, level + 1.0
-            stack[waiting, 6], stack[waiting, 7], stack[waiting, 8] = middle
             stack[waiting + 1, 0], stack[waiting + 1, 1] = s + 0.5 * width, 0.5 * width
-            stack[waiting + 1, 2] = level + 1.0
-            stack[waiting + 1, 3], stack[waiting + 1, 4], stack[waiting + 1, 5] = middle
-            stack[waiting + 1, 6], stack[waiting + 1, 7], stack[waiting + 1, 8] = v1, f1, g1
+            stack[waiting, 1], stack[waiting, 2], stack[waiting + 1, 2] = 0.5 * width, level + 1.0, level + 1.0
+            for k in range(5):
+                stack[waiting + 1, 8 + k], stack[waiting + 1, 3 + k] = stack[waiting, 8 + k], middle[k]
+                stack[waiting, 8 + k] = middle[k]
             waiting += 2
         before = after
-    return seen, factor, gloss
+    return seen, factor, gloss, all_factor, all_gloss

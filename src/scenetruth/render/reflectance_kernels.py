@@ -14,6 +14,7 @@ __all__ = [
     "AZIMUTHS",
     "COSINES",
     "albedo_tables",
+    "entering",
     "frame_of",
     "fresnel",
     "in_frame",
@@ -111,20 +112,43 @@ def albedo_tables(index: float, along: float, wide: float) -> Any:
 
 
 @kernel(error_model="numpy")
-def _interpolate(table: NDArray[np.float64], direction: tuple[Any, ...]) -> Any:
-    """Return the value of a table of directional albedo for a direction in the frame of the surface, on either side."""
+def _table_place(table: NDArray[np.float64], direction: tuple[Any, ...]) -> Any:
+    """Return the place of a direction in the frame of the surface, on either side, in a table of directional albedo.
+
+    Cosine and azimuth, as nodes and the ways to the next; -1 for the azimuth if all are equal.
+    """
     x, y, z = direction
     place = np.sqrt(min(abs(z), 1.0)) * (COSINES - 1)
     i = min(int(place), COSINES - 2)
-    level = place - i
     if AZIMUTHS == 1 or table[i, 0] == table[i, AZIMUTHS - 1]:
-        return (1.0 - level) * table[i, 0] + level * table[i + 1, 0]
+        return i, place - i, -1, 0.0
     turn = np.arctan2(abs(y), abs(x)) / (0.5 * np.pi) * (AZIMUTHS - 1)
     j = min(int(turn), AZIMUTHS - 2)
-    turn -= j
+    return i, place - i, j, turn - j
+
+
+@kernel(error_model="numpy")
+def _at_place(table: NDArray[np.float64], place: tuple[Any, ...]) -> Any:
+    """Return the value of a table at a place."""
+    i, level, j, turn = place
+    if j < 0:
+        return (1.0 - level) * table[i, 0] + level * table[i + 1, 0]
     low = (1.0 - turn) * table[i, j] + turn * table[i, j + 1]
     high = (1.0 - turn) * table[i + 1, j] + turn * table[i + 1, j + 1]
     return (1.0 - level) * low + level * high
+
+
+@kernel(error_model="numpy")
+def _interpolate(table: NDArray[np.float64], direction: tuple[Any, ...]) -> Any:
+    """Return the value of a table of directional albedo for a direction in the frame of the surface."""
+    return _at_place(table, _table_place(table, direction))
+
+
+@kernel(error_model="numpy")
+def entering(tables: NDArray[np.float64], direction: tuple[Any, ...]) -> Any:
+    """Return the shares of light that the boundary, and one reflection of mirrors, do not reflect."""
+    place = _table_place(tables[1], direction)
+    return 1.0 - _at_place(tables[0], place), 1.0 - _at_place(tables[1], place)
 
 
 def reflect_light(
@@ -163,19 +187,20 @@ def _reflect_light(
         frame = frame_of(normals[n], tangents[faces[n]])
         light = in_frame(frame, to_light[n, 0], to_light[n, 1], to_light[n, 2])
         eye = towards(frame, origin, points[n])
-        factor, shine = reflect_ray(irradiance[n], light, eye, values[m], tables[m])
+        factor, shine = reflect_ray(irradiance[n], light, eye, entering(tables[m], eye), values[m], tables[m])
         factors[n] += factor
         gloss[n] += shine
 
 
 @kernel(error_model="numpy")
 def reflect_ray(
-    irradiance: float, light: tuple[Any, ...], eye: tuple[Any, ...], values: NDArray[np.float64],
-    tables: NDArray[np.float64],
+    irradiance: float, light: tuple[Any, ...], eye: tuple[Any, ...], leaving: tuple[Any, ...],
+    values: NDArray[np.float64], tables: NDArray[np.float64],
 ) -> Any:  # fmt: skip
     """Return factor and gloss of the light from one direction.
 
     ``light``, ``eye``: Unit vectors towards light and camera in the frame of the surface.
+    ``leaving``: `entering` of ``eye``.
     ``values``, ``tables``: Of the material, see `reflection.ReflectionTables`.
     """
     index, along, wide, metal, through = values[0], values[1], values[2], values[3], values[4]
@@ -184,8 +209,8 @@ def reflect_ray(
         return 0.0, 0.0
     if index <= 1.0 and metal == 0.0:
         return incident * (values[9] if light[2] > 0.0 else through), 0.0
-    coat, mirror = tables[0], tables[1]
-    base = (1.0 - _interpolate(coat, eye)) * (1.0 - _interpolate(coat, light))
+    into = entering(tables, light)
+    base = leaving[0] * into[0]
     base *= (1.0 - metal) / (1.0 - values[5])
     if light[2] <= 0.0:
         return through * incident * base, 0.0
@@ -195,8 +220,7 @@ def reflect_ray(
     cosine = min(half[0] * eye[0] + half[1] * eye[1] + half[2] * eye[2], 1.0)
     single = irradiance * _facets(eye, light, half, along, wide)
     # Light that is reflected more than once (Kulla and Conty 2017).
-    lost = (1.0 - _interpolate(mirror, eye)) * (1.0 - _interpolate(mirror, light))
-    again = incident * lost / max(1.0 - values[6], 1e-12)
+    again = incident * (leaving[1] * into[1]) / max(1.0 - values[6], 1e-12)
     grazing = (1.0 - cosine) ** 5
     factor = values[9] * incident * base + metal * (single * (1.0 - grazing) + again * (1.0 - values[8]))
     gloss = (1.0 - metal) * (single * fresnel(cosine, index) + again * values[7])

@@ -5,20 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.raycast import RayCaster, ShadowCaster, Topology
+from scenetruth.render.area_lamps import AreaLamps, SeenPoints, Surface
 from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lamp, Lighting
 from scenetruth.scene.material import Material
 
-if TYPE_CHECKING:
-    from scenetruth.raycast.surface_tree_kernels import SurfaceTree
-
-__all__ = ["Reflection", "ReflectionTables", "SeenPoints", "light_of", "pack_lamp", "pack_materials"]
+__all__ = ["Reflection", "ReflectionTables", "SeenPoints", "light_of", "pack_materials"]
 
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # multiplier that combines the zones of all lights into one number
 
@@ -95,19 +93,6 @@ def _mean(table: NDArray[np.float64]) -> float:
     return float(weights @ table @ azimuths / azimuths.sum())
 
 
-def pack_lamp(lamp: Lamp) -> NDArray[np.float64]:
-    """Return a lamp with a size as an array for `area_lamp_kernels.light_by_area`."""
-    from scenetruth.render.area_lamp_kernels import POLAR, RECTANGLE, SPHERE
-
-    area = lamp.area
-    assert area is not None
-    assert lamp.position_mm is not None
-    shape = {"round": POLAR, "rectangle": RECTANGLE, "sphere": SPHERE}[area.shape]
-    return np.concatenate(
-        [[shape], lamp.position_mm, area.across, area.down, lamp.axis, area.sizes_mm, [area.radiance]]
-    )
-
-
 def light_of(
     lamp: Lamp, points_mm: NDArray[np.float64], normals: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]]:
@@ -125,22 +110,6 @@ def light_of(
         lamp.cos_inner,
         lamp.cos_outer,
     )
-
-
-class SeenPoints(NamedTuple):
-    """Points of surfaces that a camera sees.
-
-    ``origin_mm``: Position of the camera, shape (3,).
-    ``points_mm``, ``normals``: Points and unit normals on the visible side, shape (n, 3) each.
-    ``faces``: Face of each point, shape (n,).
-    ``starts_mm``: Origins of the shadow rays on the visible side, see `shading_kernels.smooth_points`, shape (n, 3).
-    """
-
-    origin_mm: NDArray[np.float64]
-    points_mm: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    faces: NDArray[np.int32]
-    starts_mm: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +181,6 @@ class Reflection:
         self._tangent: tuple[RayCaster, NDArray[np.float64]] | None = None
         self._kinds: list[tuple[NDArray[np.int64], Topology, float]] | None = None
         self._sheets: tuple[RayCaster, list[_Sheet]] | None = None
-        self._tree: tuple[RayCaster, SurfaceTree] | None = None
 
     def light(
         self, caster: RayCaster, lamps: list[Lamp], place: SeenPoints
@@ -220,18 +188,18 @@ class Reflection:
         """Compute factors, gloss, state numbers and blocked lamps of points, see `shading.Arrived`."""
         from scenetruth.render.reflectance_kernels import reflect_ambient, reflect_light
 
-        _, points_mm, normals, faces, _ = place
-        view = place[:4]
-        surface = (self._tangents(caster), self._world.face_material, *self._optics)
+        view, surface = place.view, self._surface(caster)
+        _, points_mm, normals, faces = view
         factors, gloss = np.zeros((2, len(points_mm)))
         state, blocked = np.zeros((2, len(points_mm)), dtype=np.uint64)
         reflect_ambient(self._lighting.ambient or 0.0, view, surface, factors, gloss)
         through = self._optics.values[self._world.face_material[faces], 4] > 0
         for number, lamp in enumerate(lamps):
             if lamp.area is not None:
-                seen = self._add_area_light(caster, lamp, place, surface, factors, gloss)
-                # Borders of penumbrae are smooth: surfaces that face away are in another state.
-                state = state * _MIX + (seen >= 0)
+                # Without a state: borders of penumbrae are smooth.
+                light = self._areas.light(caster, number, lamp, place, surface)
+                factors += light[:, 0]
+                gloss += light[:, 1]
                 continue
             if lamp.position_mm is None:
                 to_light = np.broadcast_to(-lamp.axis, points_mm.shape)
@@ -259,32 +227,24 @@ class Reflection:
             state = state * _MIX + zone
         return factors, gloss, state, blocked
 
-    def _add_area_light(
-        self,
-        caster: RayCaster,
-        lamp: Lamp,
-        place: SeenPoints,
-        surface: Any,
-        factors: NDArray[np.float64],
-        gloss: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
-        """Add the light of a lamp with a size, and return its visible share at each point, see `light_by_area`."""
-        from scenetruth.raycast.surface_tree_kernels import build_tree
-        from scenetruth.render.area_lamp_kernels import light_by_area
-
-        if self._tree is None or self._tree[0] is not caster:
-            corners = caster.vertices_mm[caster.topology.faces]
-            self._tree = (caster, build_tree(corners if self._lighting.shadows else corners[:0]))
-        return light_by_area(
-            pack_lamp(lamp), self._tree[1], self._face_shares, place[:4], place.starts_mm, surface, factors, gloss
-        )
-
     @cached_property
-    def _face_shares(self) -> NDArray[np.float64]:
-        """Share of light that passes each face, shape (m,)."""
-        return np.array([self._mean_transmittance(index) for index in range(len(self._world.materials))])[
-            self._world.face_material
-        ]
+    def _areas(self) -> AreaLamps:
+        values, material = self._optics.values, self._world.face_material
+        transmitted = np.array([self._mean_transmittance(index) for index in range(len(values))])
+        glossy = (values[:, 0] > 1) | (values[:, 3] > 0)
+        roughness = np.where(glossy, values[:, 1:3].min(axis=1), np.inf)
+        return AreaLamps(self._world, transmitted[material], roughness[material], shadows=self._lighting.shadows)
+
+    def begin(
+        self, caster: RayCaster, lamps: list[Lamp], place: SeenPoints, mixed: NDArray[np.bool_], pixel_angle: float
+    ) -> None:
+        """Prepare the lamps with a size for one image, see `AreaLamps.begin`."""
+        if any(lamp.area is not None for lamp in lamps):
+            self._areas.begin(caster, lamps, place, self._surface(caster), mixed, pixel_angle)
+
+    def _surface(self, caster: RayCaster) -> Surface:
+        """Return tangents, materials, and tables of the faces, see `reflectance_kernels.reflect_light`."""
+        return self._tangents(caster), self._world.face_material, *self._optics
 
     def _mean_transmittance(self, index: int) -> float:
         """Return the share of light that a material transmits on average over the texture."""

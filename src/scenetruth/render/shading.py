@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.raycast import Changes, Hits, RayCaster, ShadowCaster, SurfaceLines
-from scenetruth.render.reflection import Reflection, SeenPoints, light_of
+from scenetruth.render.area_lamps import SeenPoints, largest_pixel_angle
+from scenetruth.render.reflection import Reflection, light_of
 from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lamp, Lighting
 
@@ -132,12 +133,22 @@ class Shader:
         self._reflection = Reflection(lighting, world)
 
     def arrived(
-        self, caster: RayCaster, t: float, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], hits: Hits
+        self,
+        caster: RayCaster,
+        t: float,
+        origin_mm: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        hits: Hits,
+        pixels: NDArray[np.int64] | None = None,
+        mixed: NDArray[np.bool_] | None = None,
     ) -> Arrived:
         """Compute the light at ray hits.
 
         For matt surfaces, the factors are ambient + sum of E falloff max(0, n l) over the unblocked lights; 1 without a
         hit, where gloss is 0.
+
+        ``pixels``: Pixel of each ray, in an image whose centres have been computed before; shape (n,).
+        ``mixed``: Mixed pixels, if the rays are those through the pixel centres of an image; shape (height, width).
         """
         from scenetruth.render.shading_kernels import facing_points
 
@@ -160,7 +171,13 @@ class Shader:
         else:
             gloss = np.zeros(len(directions))
             origin = np.asarray(origin_mm, dtype=np.float64)
-            place = SeenPoints(origin, points, normals, hits.face[seen], starts)
+            own = seen if pixels is None else pixels[seen]
+            place = SeenPoints(origin, points, normals, hits.face[seen], starts, hits.weights[seen], own)
+            if mixed is not None:
+                angle = largest_pixel_angle(directions, mixed.shape[1])
+                self._reflection.begin(caster, lamps, place, mixed, angle)
+            elif pixels is None:
+                place = place._replace(pixels=None)
             factors[seen], gloss[seen], state[seen], blocked[seen] = self._reflection.light(caster, lamps, place)
         return Arrived(factors, gloss, state, blocked)
 
@@ -173,10 +190,14 @@ class Shader:
         directions: NDArray[np.float64],
         hits: Hits,
         face_light: FaceLight | None,
+        pixels: NDArray[np.int64] | None = None,
     ) -> NDArray[np.float32]:
-        """Return the radiance at ray hits, shape (n,), from the light on the faces where it is decided."""
+        """Return the radiance at ray hits, shape (n,), from the light on the faces where it is decided.
+
+        ``pixels``: See `arrived`.
+        """
         if face_light is None:
-            return self.arrived(caster, t, origin_mm, directions, hits).on(albedo)
+            return self.arrived(caster, t, origin_mm, directions, hits, pixels).on(albedo)
         return albedo * self.on_faces(caster, t, origin_mm, directions, hits, face_light).astype(np.float32)
 
     def on_faces(
@@ -353,7 +374,7 @@ class Shader:
         """Return the illumination of the pixels of one image with mixed pixels, shape (height, width)."""
         from scenetruth.render.shading_kernels import uneven_pixels
 
-        light = self.arrived(caster, t, origin_mm, directions, hits)
+        light = self.arrived(caster, t, origin_mm, directions, hits, mixed=mixed)
         shade, face = light.factors.reshape(mixed.shape), hits.face.reshape(mixed.shape)
         brightest = float(shade[face >= 0].max(initial=0.0))
         zones = light.state.reshape(mixed.shape)

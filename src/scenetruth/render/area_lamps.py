@@ -1,0 +1,314 @@
+"""Light of lamps with a size on the points that a camera sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenetruth.raycast import RayCaster
+from scenetruth.scene.built_scene import BuiltScene
+from scenetruth.scene.lighting import Lamp
+
+if TYPE_CHECKING:
+    from scenetruth.raycast.surface_tree_kernels import SurfaceTree
+
+__all__ = ["AreaLamps", "SeenPoints", "largest_pixel_angle", "pack_lamp"]
+
+Surface = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]
+_INTERPOLATED = 6e-3  # largest error of interpolated shares of light at the nearest pixels
+_EVEN, _STEEP = 0.02, 0.12  # range of shares among neighbours: below, one value serves; above, every sample has its own
+_BEND = 1e-4  # relative error of the light that is interpolated between the corners of a face
+_SPARE = 1.5  # margin of the size of pixels
+
+
+class SeenPoints(NamedTuple):
+    """Points of surfaces that a camera sees.
+
+    ``origin_mm``: Position of the camera, shape (3,).
+    ``points_mm``, ``normals``: Points and unit normals on the visible side, shape (n, 3) each.
+    ``faces``: Face of each point, shape (n,).
+    ``starts_mm``: Origins of the shadow rays on the visible side, see `shading_kernels.smooth_points`, shape (n, 3).
+    ``weights``: Weights of the second and third corner, shape (n, 2); None if they are not known.
+    ``pixels``: Pixel of each point in the image that `AreaLamps.begin` prepared, shape (n,); None outside images.
+    """
+
+    origin_mm: NDArray[np.float64]
+    points_mm: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    starts_mm: NDArray[np.float64]
+    weights: NDArray[np.float64] | None = None
+    pixels: NDArray[np.int64] | None = None
+
+    @property
+    def view(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]:
+        """Camera, points, normals and faces, as kernels take them."""
+        return self.origin_mm, self.points_mm, self.normals, self.faces
+
+    def some(self, chosen: NDArray[np.int64]) -> SeenPoints:
+        """Return some of the points."""
+        return SeenPoints(
+            self.origin_mm,
+            self.points_mm[chosen],
+            self.normals[chosen],
+            self.faces[chosen],
+            self.starts_mm[chosen],
+            None if self.weights is None else self.weights[chosen],
+            None if self.pixels is None else self.pixels[chosen],
+        )
+
+
+def pack_lamp(lamp: Lamp) -> NDArray[np.float64]:
+    """Return a lamp with a size as an array for `area_lamp_kernels`."""
+    from scenetruth.render.area_lamp_kernels import POLAR, RECTANGLE, SPHERE
+
+    area = lamp.area
+    assert area is not None
+    assert lamp.position_mm is not None
+    shape = {"round": POLAR, "rectangle": RECTANGLE, "sphere": SPHERE}[area.shape]
+    return np.concatenate(
+        [[shape], lamp.position_mm, area.across, area.down, lamp.axis, area.sizes_mm, [area.radiance]]
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """One image: the lamps, and the shares of their light that reach the pixels.
+
+    ``body``: Body at each pixel, shape (height, width). ``known``: Pixels with shares. ``steep``: Pixels next to which
+    the shares are very different. ``shares``: Of factor and gloss, for each lamp, shape (lamps, height, width, 2).
+    ``corner_light``: Light of each lamp without shadows at the corners of faces, NaN if it is not computed, shape
+    (lamps, m, 3, 2). ``fine``: Faces on which it can be interpolated, shape (m,).
+    """
+
+    caster: RayCaster
+    origin_mm: NDArray[np.float64]
+    packed: list[NDArray[np.float64] | None]
+    body: NDArray[np.int32]
+    known: NDArray[np.bool_]
+    steep: NDArray[np.bool_]
+    shares: NDArray[np.float64]
+    corner_light: NDArray[np.float64]
+    fine: NDArray[np.bool_]
+
+
+class AreaLamps:
+    """Light of lamps with a size.
+
+    Without shadows, it follows from closed forms or sums over the lamp: at each point, or at the corners of faces that
+    are small enough. Shadows are computed as shares of this light: in each image, at as many pixels as interpolation
+    requires.
+    """
+
+    def __init__(
+        self, world: BuiltScene, transmitted: NDArray[np.float64], roughness: NDArray[np.float64], *, shadows: bool
+    ) -> None:
+        """Set up lamps; ``transmitted``, ``roughness``: Of each face, shape (m,); infinite roughness without gloss."""
+        from scenetruth.render.lamp_shadow_kernels import OPAQUE
+
+        self._world = world
+        with np.errstate(divide="ignore"):
+            self._depths = np.minimum(-np.log(transmitted), OPAQUE)
+        self._roughness = roughness
+        self._shadows = shadows
+        self._tree: tuple[RayCaster, SurfaceTree] | None = None
+        self._view: _View | None = None
+
+    def begin(
+        self, caster: RayCaster, lamps: list[Lamp], place: SeenPoints, surface: Surface, mixed: NDArray[np.bool_],
+        pixel_angle: float,
+    ) -> None:  # fmt: skip
+        """Prepare an image.
+
+        ``place``: Points at the pixel centres. ``mixed``: Pixels whose footprint crosses an edge, shape (height,
+        width). ``pixel_angle``: Largest angle between neighbouring pixels.
+        """
+        world, shape = self._world, mixed.shape
+        assert place.pixels is not None
+        packed = [None if lamp.area is None else pack_lamp(lamp) for lamp in lamps]
+        body = np.full(mixed.size, -1, dtype=np.int32)
+        body[place.pixels] = world.face_body[place.faces]
+        view = _View(
+            caster,
+            place.origin_mm,
+            packed,
+            body.reshape(shape),
+            np.zeros(shape, dtype=np.bool_),
+            np.zeros(shape, dtype=np.bool_),
+            np.ones((len(lamps), *shape, 2)),
+            np.full((len(lamps), len(world.face_body), 3, 2), np.nan),
+            self._fine_faces(caster, place.origin_mm, [lamp for lamp in lamps if lamp.area is not None]),
+        )
+        if self._shadows:
+            self._find_shares(view, place, surface, mixed, pixel_angle)
+        self._view = view
+
+    def light(
+        self, caster: RayCaster, number: int, lamp: Lamp, place: SeenPoints, surface: Surface
+    ) -> NDArray[np.float64]:
+        """Return factor and gloss by one of the lamps at points, shape (n, 2)."""
+        view = self._view
+        if view is not None and not (view.caster is caster and np.array_equal(view.origin_mm, place.origin_mm)):
+            view = None
+        light = self._without_shadows(view, number, lamp, place, surface)
+        if self._shadows:
+            light *= self._shares(view, caster, number, lamp, place, surface)
+        return light
+
+    def _fine_faces(self, caster: RayCaster, origin_mm: NDArray[np.float64], lamps: list[Lamp]) -> NDArray[np.bool_]:
+        """Return the flat faces that are small, compared with their distance from camera and lamps, shape (m,)."""
+        corners = caster.vertices_mm[caster.topology.faces]
+        longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+        centres, nearest = corners[:, 0], np.linalg.norm(corners[:, 0] - origin_mm, axis=1)
+        for lamp in lamps:
+            assert lamp.area is not None
+            reach = float(np.hypot(*lamp.area.sizes_mm)) if lamp.area.shape == "rectangle" else lamp.area.sizes_mm[1]
+            nearest = np.minimum(nearest, np.linalg.norm(centres - lamp.position_mm, axis=1) - reach)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            bend = (longest / np.maximum(nearest - longest, 1e-300)) ** 2 / 8 * (1 + 4 / self._roughness**2)
+        return np.asarray((bend < _BEND) & (nearest > longest) & ~self._world.face_smooth)
+
+    def _without_shadows(
+        self, view: _View | None, number: int, lamp: Lamp, place: SeenPoints, surface: Surface
+    ) -> NDArray[np.float64]:
+        """Return the light without shadows, shape (n, 2)."""
+        from scenetruth.render.area_lamp_kernels import unshaded_light
+        from scenetruth.render.lamp_lattice_kernels import mix_light
+
+        packed = pack_lamp(lamp)
+        if view is None or place.weights is None:
+            return unshaded_light(packed, place.view, surface)
+        found = np.zeros(len(view.fine), dtype=np.bool_)
+        found[place.faces] = True
+        faces = np.flatnonzero(found & view.fine & np.isnan(view.corner_light[number, :, 0, 0])).astype(np.int32)
+        if len(faces):
+            caster, own = view.caster, np.repeat(faces, 3)
+            corners = caster.vertices_mm[caster.topology.faces[faces]].reshape(-1, 3)
+            normals = caster.face_normals[own]
+            normals *= np.where(np.einsum("nk,nk->n", normals, view.origin_mm - corners) > 0, 1.0, -1.0)[:, None]
+            at_corners = unshaded_light(packed, (view.origin_mm, corners, normals, own), surface)
+            view.corner_light[number, faces] = at_corners.reshape(-1, 3, 2)
+        light = np.empty((len(place.faces), 2))
+        mix_light(view.corner_light[number], place.faces, place.weights, light)
+        other = np.flatnonzero(~view.fine[place.faces])
+        if len(other):
+            light[other] = unshaded_light(packed, place.some(other).view, surface)
+        return light
+
+    def _shares(
+        self, view: _View | None, caster: RayCaster, number: int, lamp: Lamp, place: SeenPoints, surface: Surface
+    ) -> NDArray[np.float64]:
+        """Return the shares of the light that reach points, shape (n, 2)."""
+        from scenetruth.render.lamp_lattice_kernels import find_spread
+
+        def exact(chosen: NDArray[np.int64]) -> NDArray[np.float64]:
+            some = place.some(chosen)
+            return self._exact_shares(caster, pack_lamp(lamp), some, surface, np.zeros(len(chosen)))[0][:, :2]
+
+        if view is None or place.pixels is None:
+            return exact(np.arange(len(place.faces)))
+        body = self._world.face_body[place.faces]
+        usable = view.known.ravel()[place.pixels] & (view.body.ravel()[place.pixels] == body)
+        steep = view.steep.ravel()[place.pixels] & usable
+        shares = view.shares[number].reshape(-1, 2)[place.pixels]
+        left = np.flatnonzero(~usable)
+        if len(left):
+            # One value for all samples of a body in a pixel.
+            keys = place.pixels[left] * len(self._world.bodies) + body[left]
+            _, first, owner = np.unique(keys, return_index=True, return_inverse=True)
+            leaders = left[first]
+            near = find_spread(
+                place.pixels[leaders], body[leaders], view.body, view.known & ~view.steep, view.shares[number]
+            )
+            means, spread = near[:, :2], near[:, 2:].max(axis=1)
+            alone = ~(spread <= _STEEP)
+            some = np.flatnonzero((spread > _EVEN) & ~alone)
+            means[some] = exact(leaders[some])
+            shares[left] = means[owner]
+            steep[left] = alone[owner]
+        single = np.flatnonzero(steep)
+        shares[single] = exact(single)
+        return shares
+
+    def _find_shares(
+        self, view: _View, place: SeenPoints, surface: Surface, mixed: NDArray[np.bool_], pixel_angle: float
+    ) -> None:
+        """Fill in the shares of the light that reach the pixels."""
+        from scipy import ndimage
+
+        label = ndimage.label(~mixed & (view.body >= 0))[0].astype(np.int32)
+        number_of = np.full(mixed.size, -1, dtype=np.int64)
+        number_of[place.pixels] = np.arange(len(place.faces))
+        towards = view.origin_mm - place.points_mm
+        distance = np.linalg.norm(towards, axis=1)
+        cosine = np.maximum(np.einsum("nk,nk->n", towards, place.normals) / distance, 0.1)
+        size = _SPARE * pixel_angle * distance / cosine
+        for number, packed in enumerate(view.packed):
+            if packed is not None:
+                known = self._refine(view, number, packed, place, surface, label, number_of, size)
+                view.known[:] = known
+        assert place.pixels is not None
+
+    def _refine(
+        self, view: _View, number: int, packed: NDArray[np.float64], place: SeenPoints, surface: Surface,
+        label: NDArray[np.int32], number_of: NDArray[np.int64], size: NDArray[np.float64],
+    ) -> NDArray[np.bool_]:  # fmt: skip
+        """Fill in the shares of the light of one lamp, from coarse to fine, and return the pixels with shares."""
+        from scenetruth.render.area_lamp_kernels import CERTAIN
+        from scenetruth.render.lamp_lattice_kernels import COARSEST, EXACT, LEVELS, SURE, predict_level
+
+        values, shape = view.shares[number], label.shape
+        known, error = np.zeros(shape, dtype=np.uint8), np.full(shape, np.inf)
+        first = np.zeros(shape, dtype=np.bool_)
+        first[::COARSEST, ::COARSEST] = label[::COARSEST, ::COARSEST] > 0
+        values[first] = np.nan
+        for step, diagonal in ((COARSEST, False), *LEVELS):
+            wanted = first
+            if step < COARSEST:
+                wanted = predict_level(step, diagonal, label, known, values, error, _INTERPOLATED)
+            pixels = np.flatnonzero(wanted)
+            chosen = number_of[pixels]
+            # Up to the middle between known pixels.
+            near = 0.75 * step * size[chosen]
+            found, state = self._exact_shares(view.caster, packed, place.some(chosen), surface, near)
+            predicted = values.reshape(-1, 2)[pixels]
+            weights = np.minimum(found[:, 3] / np.maximum(found[:, 2], 1e-300), 1.0)
+            differs = np.abs(found[:, 0] - predicted[:, 0]) + weights * np.abs(found[:, 1] - predicted[:, 1])
+            error.ravel()[pixels] = np.where(np.isnan(differs), np.inf, differs)
+            values.reshape(-1, 2)[pixels] = found[:, :2]
+            known.ravel()[pixels] = np.where(state == CERTAIN, SURE, EXACT)
+        apart = np.zeros(shape, dtype=np.bool_)
+        for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+            differ = (np.abs(values[one] - values[other]) > _STEEP).any(axis=-1)
+            differ &= (label[one] == label[other]) & (label[one] > 0)
+            apart[one] |= differ
+            apart[other] |= differ
+        view.steep[:] |= apart
+        return known > 0
+
+    def _exact_shares(
+        self, caster: RayCaster, packed: NDArray[np.float64], place: SeenPoints, surface: Surface,
+        near: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:  # fmt: skip
+        """Compute shares at points, see `area_lamp_kernels.lamp_shares`."""
+        from scenetruth.raycast.surface_tree_kernels import build_tree
+        from scenetruth.render.area_lamp_kernels import lamp_shares
+
+        if self._tree is None or self._tree[0] is not caster:
+            corners = caster.vertices_mm[caster.topology.faces]
+            self._tree = (caster, build_tree(corners, caster.topology.face_neighbours, self._world.face_body))
+        return lamp_shares(packed, self._tree[1], self._depths, place.view, (place.starts_mm, near), surface)
+
+
+def largest_pixel_angle(directions: NDArray[np.float64], width: int) -> float:
+    """Return the largest angle between neighbouring pixels of the middle row and column."""
+    height = len(directions) // width
+    grid = directions.reshape(height, width, 3)
+    angles = [0.0]
+    for line in (grid[height // 2], grid[:, width // 2]):
+        unit = line / np.linalg.norm(line, axis=1, keepdims=True)
+        angles.append(float(np.linalg.norm(np.diff(unit, axis=0), axis=1).max(initial=0.0)))
+    return max(angles)
