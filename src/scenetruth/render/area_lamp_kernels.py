@@ -23,7 +23,7 @@ VISIBLE, CERTAIN = 1, 2
 _LEAST_POINTS = 256
 _FIRST_FOUND = 1024
 _LEVELS = 7  # most halvings of an interval between lines
-_TOLERANCE = 1e-3  # share of the lamp by which the mean of two lines may differ from the line between
+_TOLERANCE = 2e-3  # share of the lamp by which the mean of two lines may differ from the line between
 _QUADRATURE = 9.2  # -ln of the error of sums around a lamp, 1e-4
 _FEWEST, _FEWEST_SHADED, _MOST = 5, 8, 64  # lines
 _MOST_PARTS = 8  # of a line
@@ -65,8 +65,8 @@ def lamp_shares(
     ``tree``, ``depths``: All surfaces, and the optical depth of each face, shape (m,).
     ``starts``: Origins of the lines to the lamp, shape (n, 3), and the distance by which each may move, shape (n,).
     ``lamp``, ``view``, ``surface``: As for `unshaded_light`.
-    Returns: Shares of factor and gloss, and their weights (light without shadows), shape (n, 4); and the state, `VISIBLE` or
-    `CERTAIN` where nothing is in the way, else 0, uint8, shape (n,).
+    Returns: Shares of factor and gloss, and their weights (light without shadows), shape (n, 4); and the state,
+    `VISIBLE` or `CERTAIN` where nothing is in the way, else 0, uint8, shape (n,).
     """
     shares, state = np.empty((len(view[1]), 4)), np.zeros(len(view[1]), dtype=np.uint8)
     in_bands(_lamp_shares, len(state), lamp, (tree, depths, *starts), view, surface, shares, state, least=_LEAST_POINTS)

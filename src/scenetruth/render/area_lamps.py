@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -18,9 +19,13 @@ if TYPE_CHECKING:
 __all__ = ["AreaLamps", "SeenPoints", "largest_pixel_angle", "pack_lamp"]
 
 Surface = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]
+Seen = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]
 _INTERPOLATED = 6e-3  # largest error of interpolated shares of light at the nearest pixels
-_EVEN, _STEEP = 0.02, 0.12  # range of shares among neighbours: below, one value serves; above, every sample has its own
+_EVEN, _BROAD = 0.02, 0.5
+"""Range of shares around a pixel, below which their mean serves for its samples, and above which each has its own."""
+_STEEP = 0.12  # difference of shares of neighbours, from which every sample has its own
 _BEND = 1e-4  # relative error of the light that is interpolated between the corners of a face
+_APART = 6.0  # pixels between two surfaces, in depth
 _SPARE = 1.5  # margin of the size of pixels
 
 
@@ -44,7 +49,7 @@ class SeenPoints(NamedTuple):
     pixels: NDArray[np.int64] | None = None
 
     @property
-    def view(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]:
+    def view(self) -> Seen:
         """Camera, points, normals and faces, as kernels take them."""
         return self.origin_mm, self.points_mm, self.normals, self.faces
 
@@ -78,18 +83,20 @@ def pack_lamp(lamp: Lamp) -> NDArray[np.float64]:
 class _View:
     """One image: the lamps, and the shares of their light that reach the pixels.
 
-    ``body``: Body at each pixel, shape (height, width). ``known``: Pixels with shares. ``steep``: Pixels next to which
-    the shares are very different. ``shares``: Of factor and gloss, for each lamp, shape (lamps, height, width, 2).
-    ``corner_light``: Light of each lamp without shadows at the corners of faces, NaN if it is not computed, shape
-    (lamps, m, 3, 2). ``fine``: Faces on which it can be interpolated, shape (m,).
+    ``body``, ``distance_mm``: Body and distance from the camera at each pixel, shape (height, width).
+    ``pixel_angle``: Largest angle between neighbouring pixels. ``knowledge``: See `apply_shares`.
+    ``shares``: Of factor and gloss, for each lamp, shape (lamps, height, width, 2).
+    ``corner_light``: Light of each lamp without shadows, and ambient light, at the corners of faces, NaN if it is not
+    computed, shape (lamps + 1, m, 3, 2). ``fine``: Faces on which it can be interpolated, shape (m,).
     """
 
     caster: RayCaster
     origin_mm: NDArray[np.float64]
     packed: list[NDArray[np.float64] | None]
     body: NDArray[np.int32]
-    known: NDArray[np.bool_]
-    steep: NDArray[np.bool_]
+    distance_mm: NDArray[np.float64]
+    pixel_angle: float
+    knowledge: NDArray[np.uint8]
     shares: NDArray[np.float64]
     corner_light: NDArray[np.float64]
     fine: NDArray[np.bool_]
@@ -131,31 +138,79 @@ class AreaLamps:
         packed = [None if lamp.area is None else pack_lamp(lamp) for lamp in lamps]
         body = np.full(mixed.size, -1, dtype=np.int32)
         body[place.pixels] = world.face_body[place.faces]
+        distance = np.full(mixed.size, np.nan)
+        distance[place.pixels] = np.linalg.norm(place.points_mm - place.origin_mm, axis=1)
         view = _View(
             caster,
             place.origin_mm,
             packed,
             body.reshape(shape),
-            np.zeros(shape, dtype=np.bool_),
-            np.zeros(shape, dtype=np.bool_),
+            distance.reshape(shape),
+            pixel_angle,
+            np.zeros(shape, dtype=np.uint8),
             np.ones((len(lamps), *shape, 2)),
-            np.full((len(lamps), len(world.face_body), 3, 2), np.nan),
+            np.full((len(lamps) + 1, len(world.face_body), 3, 2), np.nan),
             self._fine_faces(caster, place.origin_mm, [lamp for lamp in lamps if lamp.area is not None]),
         )
         if self._shadows:
-            self._find_shares(view, place, surface, mixed, pixel_angle)
+            self._find_shares(view, place, surface, mixed)
         self._view = view
 
     def light(
         self, caster: RayCaster, number: int, lamp: Lamp, place: SeenPoints, surface: Surface
     ) -> NDArray[np.float64]:
         """Return factor and gloss by one of the lamps at points, shape (n, 2)."""
-        view = self._view
-        if view is not None and not (view.caster is caster and np.array_equal(view.origin_mm, place.origin_mm)):
-            view = None
+        view = self._view_of(caster, place.origin_mm)
         light = self._without_shadows(view, number, lamp, place, surface)
         if self._shadows:
-            light *= self._shares(view, caster, number, lamp, place, surface)
+            self._shade(view, caster, number, lamp, place, surface, light)
+        return light
+
+    def ambient(
+        self, caster: RayCaster, ambient: float, lamps: list[Lamp], place: SeenPoints, surface: Surface
+    ) -> NDArray[np.float64] | None:
+        """Return factors and gloss by ambient light, shape (n, 2); None if the image is not prepared."""
+        view = self._view_of(caster, place.origin_mm)
+        if view is None or place.weights is None:
+            return None
+        number = len(view.packed)
+        return self._interpolated(view, number, place, self._computation(number, ambient, lamps, surface))
+
+    def _view_of(self, caster: RayCaster, origin_mm: NDArray[np.float64]) -> _View | None:
+        """Return the prepared image if it is that of a camera position."""
+        view = self._view
+        if view is None or not (view.caster is caster and np.array_equal(view.origin_mm, origin_mm)):
+            return None
+        return view
+
+    def _compute_corners(
+        self, view: _View, number: int, faces: NDArray[np.int32], compute: Callable[[Seen], NDArray[np.float64]]
+    ) -> None:
+        """Compute the light at the corners of the faces for which it is missing."""
+        corner_light = view.corner_light[number]
+        found = np.zeros(len(view.fine), dtype=np.bool_)
+        found[faces] = True
+        missing = np.flatnonzero(found & view.fine & np.isnan(corner_light[:, 0, 0])).astype(np.int32)
+        if len(missing):
+            caster, own = view.caster, np.repeat(missing, 3)
+            corners = caster.vertices_mm[caster.topology.faces[missing]].reshape(-1, 3)
+            normals = caster.face_normals[own]
+            normals *= np.where(np.einsum("nk,nk->n", normals, view.origin_mm - corners) > 0, 1.0, -1.0)[:, None]
+            corner_light[missing] = compute((view.origin_mm, corners, normals, own)).reshape(-1, 3, 2)
+
+    def _interpolated(
+        self, view: _View, number: int, place: SeenPoints, compute: Callable[[Seen], NDArray[np.float64]]
+    ) -> NDArray[np.float64]:
+        """Return light from the corners of faces where it can be interpolated, and as computed elsewhere."""
+        from scenetruth.render.lamp_lattice_kernels import mix_light
+
+        self._compute_corners(view, number, place.faces, compute)
+        light = np.empty((len(place.faces), 2))
+        assert place.weights is not None
+        mix_light(view.corner_light[number], place.faces, place.weights, light)
+        other = np.flatnonzero(~view.fine[place.faces])
+        if len(other):
+            light[other] = compute(place.some(other).view)
         return light
 
     def _fine_faces(self, caster: RayCaster, origin_mm: NDArray[np.float64], lamps: list[Lamp]) -> NDArray[np.bool_]:
@@ -171,71 +226,100 @@ class AreaLamps:
             bend = (longest / np.maximum(nearest - longest, 1e-300)) ** 2 / 8 * (1 + 4 / self._roughness**2)
         return np.asarray((bend < _BEND) & (nearest > longest) & ~self._world.face_smooth)
 
+    def on_samples(
+        self, caster: RayCaster, ambient: float, lamps: list[Lamp], origin_mm: NDArray[np.float64],
+        samples: tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]], surface: Surface,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]] | None:  # fmt: skip
+        """Return factors and gloss of samples of the prepared image, and the samples that this leaves out.
+
+        ``samples``: Pixel, face, and weights of the second and third corner, shapes (n,), (n,) and (n, 2).
+        Returns None without lamps, with lamps without a size, and outside the image.
+        """
+        from scenetruth.render.lamp_lattice_kernels import light_samples
+
+        view = self._view_of(caster, origin_mm)
+        if view is None or not lamps or any(packed is None for packed in view.packed):
+            return None
+        for number in range(len(view.packed) + 1):
+            self._compute_corners(view, number, samples[1], self._computation(number, ambient, lamps, surface))
+        return light_samples(
+            samples, view.corner_light, self._world.face_body, view.body.ravel(), view.knowledge.ravel(),
+            view.shares.reshape(len(lamps), -1, 2),
+        )  # fmt: skip
+
+    def _computation(
+        self, number: int, ambient: float, lamps: list[Lamp], surface: Surface
+    ) -> Callable[[Seen], NDArray[np.float64]]:
+        """Return the function that computes the light of one of the lamps, or the ambient light after the last."""
+        from scenetruth.render.area_lamp_kernels import unshaded_light
+        from scenetruth.render.reflectance_kernels import reflect_ambient
+
+        if number < len(lamps):
+            packed = pack_lamp(lamps[number])
+            return lambda seen: unshaded_light(packed, seen, surface)
+
+        def compute(seen: Seen) -> NDArray[np.float64]:
+            factors, gloss = np.zeros((2, len(seen[1])))
+            reflect_ambient(ambient, seen, surface, factors, gloss)
+            return np.column_stack([factors, gloss])
+
+        return compute
+
     def _without_shadows(
         self, view: _View | None, number: int, lamp: Lamp, place: SeenPoints, surface: Surface
     ) -> NDArray[np.float64]:
         """Return the light without shadows, shape (n, 2)."""
-        from scenetruth.render.area_lamp_kernels import unshaded_light
-        from scenetruth.render.lamp_lattice_kernels import mix_light
-
-        packed = pack_lamp(lamp)
+        compute = self._computation(0, 0.0, [lamp], surface)
         if view is None or place.weights is None:
-            return unshaded_light(packed, place.view, surface)
-        found = np.zeros(len(view.fine), dtype=np.bool_)
-        found[place.faces] = True
-        faces = np.flatnonzero(found & view.fine & np.isnan(view.corner_light[number, :, 0, 0])).astype(np.int32)
-        if len(faces):
-            caster, own = view.caster, np.repeat(faces, 3)
-            corners = caster.vertices_mm[caster.topology.faces[faces]].reshape(-1, 3)
-            normals = caster.face_normals[own]
-            normals *= np.where(np.einsum("nk,nk->n", normals, view.origin_mm - corners) > 0, 1.0, -1.0)[:, None]
-            at_corners = unshaded_light(packed, (view.origin_mm, corners, normals, own), surface)
-            view.corner_light[number, faces] = at_corners.reshape(-1, 3, 2)
-        light = np.empty((len(place.faces), 2))
-        mix_light(view.corner_light[number], place.faces, place.weights, light)
-        other = np.flatnonzero(~view.fine[place.faces])
-        if len(other):
-            light[other] = unshaded_light(packed, place.some(other).view, surface)
-        return light
+            return compute(place.view)
+        return self._interpolated(view, number, place, compute)
 
-    def _shares(
-        self, view: _View | None, caster: RayCaster, number: int, lamp: Lamp, place: SeenPoints, surface: Surface
-    ) -> NDArray[np.float64]:
-        """Return the shares of the light that reach points, shape (n, 2)."""
-        from scenetruth.render.lamp_lattice_kernels import find_spread
+    def _shade(
+        self, view: _View | None, caster: RayCaster, number: int, lamp: Lamp, place: SeenPoints, surface: Surface,
+        light: NDArray[np.float64],
+    ) -> None:  # fmt: skip
+        """Multiply light by the shares that reach points, in place, shape (n, 2)."""
+        from scenetruth.render.lamp_lattice_kernels import apply_shares, find_spread
 
         def exact(chosen: NDArray[np.int64]) -> NDArray[np.float64]:
             some = place.some(chosen)
             return self._exact_shares(caster, pack_lamp(lamp), some, surface, np.zeros(len(chosen)))[0][:, :2]
 
         if view is None or place.pixels is None:
-            return exact(np.arange(len(place.faces)))
-        body = self._world.face_body[place.faces]
-        usable = view.known.ravel()[place.pixels] & (view.body.ravel()[place.pixels] == body)
-        steep = view.steep.ravel()[place.pixels] & usable
-        shares = view.shares[number].reshape(-1, 2)[place.pixels]
-        left = np.flatnonzero(~usable)
-        if len(left):
-            # One value for all samples of a body in a pixel.
-            keys = place.pixels[left] * len(self._world.bodies) + body[left]
-            _, first, owner = np.unique(keys, return_index=True, return_inverse=True)
-            leaders = left[first]
-            near = find_spread(
-                place.pixels[leaders], body[leaders], view.body, view.known & ~view.steep, view.shares[number]
+            light *= exact(np.arange(len(place.faces)))
+            return
+        bodies = self._world.face_body[place.faces]
+        shares = view.shares[number]
+        kind = apply_shares(
+            place.pixels, bodies, view.body.ravel(), view.knowledge.ravel(), shares.reshape(-1, 2), light
+        )
+        left = np.flatnonzero(kind)
+        if not len(left):
+            return
+        kind, near = kind[left], np.ones((len(left), 2))
+        other = np.flatnonzero(kind == 1)
+        if len(other):
+            # One value for all samples of a body in a pixel that face the same way: that in the middle of their order.
+            keys = place.pixels[left[other]] * len(self._world.bodies) + bodies[left[other]]
+            keys = keys * 125 + (np.rint(2 * place.normals[left[other]]).astype(np.int64) + 2) @ [25, 5, 1]
+            _, owner, count = np.unique(keys, return_inverse=True, return_counts=True)
+            ranked = np.argsort(owner, kind="stable")
+            leaders = left[other[ranked[np.cumsum(count) - count + count // 2]]]
+            distance = np.linalg.norm(place.points_mm[leaders] - place.origin_mm, axis=1)
+            image, apart = (view.body, view.distance_mm), _APART * view.pixel_angle
+            found = find_spread(
+                place.pixels[leaders], (bodies[leaders], distance), image, view.knowledge, shares, apart
             )
-            means, spread = near[:, :2], near[:, 2:].max(axis=1)
-            alone = ~(spread <= _STEEP)
-            some = np.flatnonzero((spread > _EVEN) & ~alone)
+            means, spread = found[:, :2], found[:, 2:].max(axis=1)
+            some = np.flatnonzero(~(spread <= _EVEN) & ~(spread > _BROAD))
             means[some] = exact(leaders[some])
-            shares[left] = means[owner]
-            steep[left] = alone[owner]
-        single = np.flatnonzero(steep)
-        shares[single] = exact(single)
-        return shares
+            near[other] = means[owner]
+            kind[other[(spread > _BROAD)[owner]]] = 2
+        single = np.flatnonzero(kind == 2)
+        near[single] = exact(left[single])
+        light[left] *= near
 
-    def _find_shares(
-        self, view: _View, place: SeenPoints, surface: Surface, mixed: NDArray[np.bool_], pixel_angle: float
-    ) -> None:
+    def _find_shares(self, view: _View, place: SeenPoints, surface: Surface, mixed: NDArray[np.bool_]) -> None:
         """Fill in the shares of the light that reach the pixels."""
         from scipy import ndimage
 
@@ -245,18 +329,16 @@ class AreaLamps:
         towards = view.origin_mm - place.points_mm
         distance = np.linalg.norm(towards, axis=1)
         cosine = np.maximum(np.einsum("nk,nk->n", towards, place.normals) / distance, 0.1)
-        size = _SPARE * pixel_angle * distance / cosine
+        size = _SPARE * view.pixel_angle * distance / cosine
         for number, packed in enumerate(view.packed):
             if packed is not None:
-                known = self._refine(view, number, packed, place, surface, label, number_of, size)
-                view.known[:] = known
-        assert place.pixels is not None
+                self._refine(view, number, packed, place, surface, label, number_of, size)
 
     def _refine(
         self, view: _View, number: int, packed: NDArray[np.float64], place: SeenPoints, surface: Surface,
         label: NDArray[np.int32], number_of: NDArray[np.int64], size: NDArray[np.float64],
-    ) -> NDArray[np.bool_]:  # fmt: skip
-        """Fill in the shares of the light of one lamp, from coarse to fine, and return the pixels with shares."""
+    ) -> None:  # fmt: skip
+        """Fill in the shares of the light of one lamp, from coarse to fine."""
         from scenetruth.render.area_lamp_kernels import CERTAIN
         from scenetruth.render.lamp_lattice_kernels import COARSEST, EXACT, LEVELS, SURE, predict_level
 
@@ -286,8 +368,7 @@ class AreaLamps:
             differ &= (label[one] == label[other]) & (label[one] > 0)
             apart[one] |= differ
             apart[other] |= differ
-        view.steep[:] |= apart
-        return known > 0
+        view.knowledge[:] = np.maximum(view.knowledge, np.where(apart, 2, known > 0))
 
     def _exact_shares(
         self, caster: RayCaster, packed: NDArray[np.float64], place: SeenPoints, surface: Surface,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +19,7 @@ COARSEST = 8
 LEVELS = ((4, True), (4, False), (2, True), (2, False), (1, True), (1, False))
 """Steps from a pixel to its nearest known pixels, diagonally (True) or along rows and columns, level by level."""
 _FINE = 2  # longest step over which values are interpolated
+_FEWEST = 3  # pixels around a point whose range counts
 _LEAST_ROWS, _LEAST_SAMPLES = 8, 16384
 
 
@@ -105,25 +108,35 @@ def _predict_level(
 
 
 def find_spread(
-    pixels: NDArray[np.int64], surface: NDArray[np.int32], surfaces: NDArray[np.int32], known: NDArray[np.bool_],
+    pixels: NDArray[np.int64],
+    places: tuple[NDArray[np.int32], NDArray[np.float64]],
+    image: tuple[NDArray[np.int32], NDArray[np.float64]],
+    knowledge: NDArray[np.uint8],
     values: NDArray[np.float64],
-) -> NDArray[np.float64]:  # fmt: skip
-    """Return mean and range of both values at the known pixels around pixels, on one surface, shape (n, 4).
+    apart: float,
+) -> NDArray[np.float64]:
+    """Return mean and range of both values at the known pixels around points, on the same surface, shape (n, 4).
 
-    The range is NaN if there is none. ``pixels``: In row-major order, shape (n,). ``surface``: Of each, shape (n,).
-    ``surfaces``, ``known``, ``values``: Of the image, shape (height, width, ...).
+    The range is NaN if there are fewer than three. ``pixels``: In row-major order, shape (n,).
+    ``places``: Body of each point, and distance from the camera, shape (n,) each.
+    ``image``: The same for all pixels, shape (height, width) each.
+    ``knowledge``: See `apply_shares`, shape (height, width). ``values``: Shape (height, width, 2).
+    ``apart``: Difference of the distances between surfaces, relative to the distance.
     """
     out = np.empty((len(pixels), 4))
-    in_bands(_find_spread, len(pixels), pixels, surface, surfaces, known, values, out, least=1024)
+    maps = (places, image, knowledge, values, apart)
+    in_bands(_find_spread, len(pixels), pixels, *maps, out, least=1024)
     return out
 
 
 @kernel(error_model="numpy")
 def _find_spread(
-    low: int, high: int, pixels: NDArray[np.int64], surface: NDArray[np.int32], surfaces: NDArray[np.int32],
-    known: NDArray[np.bool_], values: NDArray[np.float64], out: NDArray[np.float64],
+    low: int, high: int, pixels: NDArray[np.int64], places: tuple[Any, ...], image: tuple[Any, ...],
+    knowledge: NDArray[np.uint8], values: NDArray[np.float64], apart: float, out: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    rows, columns = surfaces.shape
+    bodies, distances = places
+    body, distance = image
+    rows, columns = body.shape
     for n in range(low, high):
         row, column = pixels[n] // columns, pixels[n] % columns
         for reach in range(1, 3):
@@ -132,15 +145,16 @@ def _find_spread(
                 total, least, most = 0.0, np.inf, -np.inf
                 for v in range(max(row - reach, 0), min(row + reach + 1, rows)):
                     for u in range(max(column - reach, 0), min(column + reach + 1, columns)):
-                        if known[v, u] and surfaces[v, u] == surface[n]:
+                        near = abs(distance[v, u] - distances[n]) < apart * distances[n]
+                        if knowledge[v, u] == 1 and body[v, u] == bodies[n] and near:
                             total += values[v, u, k]
                             least, most = min(least, values[v, u, k]), max(most, values[v, u, k])
                             count += k
                 out[n, k], out[n, 2 + k] = total, most - least
-            if count > 0:
+            if count >= _FEWEST:
                 break
-        out[n, 0], out[n, 1] = out[n, 0] / count, out[n, 1] / count
-        if count == 0:
+        out[n, 0], out[n, 1] = out[n, 0] / max(count, 1), out[n, 1] / max(count, 1)
+        if count < _FEWEST:
             out[n, 2] = np.nan
 
 
@@ -165,3 +179,88 @@ def _mix_light(
         if first == first:
             out[n, 0] = first + one * (corner_light[face, 1, 0] - first) + other * (corner_light[face, 2, 0] - first)
             out[n, 1] = gloss + one * (corner_light[face, 1, 1] - gloss) + other * (corner_light[face, 2, 1] - gloss)
+
+
+def apply_shares(
+    pixels: NDArray[np.int64],
+    bodies: NDArray[np.int32],
+    body: NDArray[np.int32],
+    knowledge: NDArray[np.uint8],
+    shares: NDArray[np.float64],
+    light: NDArray[np.float64],
+) -> NDArray[np.uint8]:
+    """Multiply light by the shares of the pixels, in place, and return what is left to do, shape (n,).
+
+    ``pixels``, ``bodies``: Pixel and body of each sample, shape (n,).
+    ``body``, ``knowledge``, ``shares``: Body of each pixel, shape (k,); 0 if its shares are not known, 1 if they are,
+      and 2 if they hold for its centre only; and the shares, shape (k, 2).
+    ``light``: Shape (n, 2). Returns: 0 for samples with shares, 1 if they are unknown, 2 if they must be computed.
+    """
+    left = np.empty(len(pixels), dtype=np.uint8)
+    in_bands(_apply_shares, len(pixels), pixels, bodies, body, knowledge, shares, light, left, least=_LEAST_SAMPLES)
+    return left
+
+
+@kernel()
+def _apply_shares(
+    low: int, high: int, pixels: NDArray[np.int64], bodies: NDArray[np.int32], body: NDArray[np.int32],
+    knowledge: NDArray[np.uint8], shares: NDArray[np.float64], light: NDArray[np.float64], left: NDArray[np.uint8],
+) -> None:  # fmt: skip
+    for n in range(low, high):
+        pixel = pixels[n]
+        if body[pixel] != bodies[n] or knowledge[pixel] == 0:
+            left[n] = 1
+            continue
+        left[n] = 2 if knowledge[pixel] == 2 else 0
+        if left[n] == 0:
+            light[n, 0], light[n, 1] = light[n, 0] * shares[pixel, 0], light[n, 1] * shares[pixel, 1]
+
+
+def light_samples(
+    samples: tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]],
+    corner_light: NDArray[np.float64],
+    face_body: NDArray[np.int32],
+    body: NDArray[np.int32],
+    knowledge: NDArray[np.uint8],
+    shares: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Light samples by lamps and ambient light where light at the corners of their faces and shares are known.
+
+    ``samples``: Pixel and face of each, shape (n,), and weights of the second and third corner, shape (n, 2).
+    ``corner_light``: Light of each lamp and ambient light at the corners of faces, shape (lamps + 1, m, 3, 2).
+    ``face_body``: Body of each face, shape (m,). ``body``, ``knowledge``: As for `apply_shares`.
+    ``shares``: For each lamp, shape (lamps, k, 2).
+    Returns: Factors and gloss, shape (n,) each; and the indices of samples that are left out.
+    """
+    count = len(samples[0])
+    factors, gloss, left = np.empty(count), np.empty(count), np.empty(count, dtype=np.bool_)
+    maps = (corner_light, face_body, body, knowledge, shares)
+    in_bands(_light_samples, count, samples, *maps, factors, gloss, left, least=_LEAST_SAMPLES)
+    return factors, gloss, np.flatnonzero(left)
+
+
+@kernel()
+def _light_samples(
+    low: int, high: int, samples: tuple[Any, ...], corner_light: NDArray[np.float64], face_body: NDArray[np.int32],
+    body: NDArray[np.int32], knowledge: NDArray[np.uint8], shares: NDArray[np.float64], factors: NDArray[np.float64],
+    gloss: NDArray[np.float64], left: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    pixels, faces, weights = samples
+    lamps = shares.shape[0]
+    for n in range(low, high):
+        pixel, face, one, other = pixels[n], faces[n], weights[n, 0], weights[n, 1]
+        first = 1.0 - one - other
+        left[n] = body[pixel] != face_body[face] or knowledge[pixel] != 1
+        total, shine = 0.0, 0.0
+        for lamp in range(lamps + 1):
+            light = first * corner_light[lamp, face, 0, 0] + one * corner_light[lamp, face, 1, 0]
+            light += other * corner_light[lamp, face, 2, 0]
+            bright = first * corner_light[lamp, face, 0, 1] + one * corner_light[lamp, face, 1, 1]
+            bright += other * corner_light[lamp, face, 2, 1]
+            if lamp < lamps:
+                light, bright = light * shares[lamp, pixel, 0], bright * shares[lamp, pixel, 1]
+            total, shine = total + light, shine + bright
+        # Light that is not interpolated is NaN.
+        if total != total:
+            left[n] = True
+        factors[n], gloss[n] = total, shine

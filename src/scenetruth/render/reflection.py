@@ -192,7 +192,12 @@ class Reflection:
         _, points_mm, normals, faces = view
         factors, gloss = np.zeros((2, len(points_mm)))
         state, blocked = np.zeros((2, len(points_mm)), dtype=np.uint64)
-        reflect_ambient(self._lighting.ambient or 0.0, view, surface, factors, gloss)
+        ambient = self._lighting.ambient or 0.0
+        fine = self._areas.ambient(caster, ambient, lamps, place, surface) if self._lighting.has_areas else None
+        if fine is not None:
+            factors, gloss = fine.T.copy()
+        else:
+            reflect_ambient(ambient, view, surface, factors, gloss)
         through = self._optics.values[self._world.face_material[faces], 4] > 0
         for number, lamp in enumerate(lamps):
             if lamp.area is not None:
@@ -241,6 +246,16 @@ class Reflection:
         """Prepare the lamps with a size for one image, see `AreaLamps.begin`."""
         if any(lamp.area is not None for lamp in lamps):
             self._areas.begin(caster, lamps, place, self._surface(caster), mixed, pixel_angle)
+
+    def on_samples(
+        self, caster: RayCaster, lamps: list[Lamp], origin_mm: NDArray[np.float64],
+        samples: tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]] | None:  # fmt: skip
+        """Return factors and gloss of samples in a prepared image, see `AreaLamps.on_samples`."""
+        if not self._lighting.has_areas:
+            return None
+        surface = self._surface(caster)
+        return self._areas.on_samples(caster, self._lighting.ambient or 0.0, lamps, origin_mm, samples, surface)
 
     def _surface(self, caster: RayCaster) -> Surface:
         """Return tangents, materials, and tables of the faces, see `reflectance_kernels.reflect_light`."""

@@ -150,6 +150,44 @@ class Shader:
         ``pixels``: Pixel of each ray, in an image whose centres have been computed before; shape (n,).
         ``mixed``: Mixed pixels, if the rays are those through the pixel centres of an image; shape (height, width).
         """
+        if pixels is not None and not self.simple and (hits.face >= 0).all():
+            origin, lamps = np.asarray(origin_mm, dtype=np.float64), self._lighting.lamps_at(t)
+            quick = self._reflection.on_samples(caster, lamps, origin, (pixels, hits.face, hits.weights))
+            if quick is not None:
+                return self._complete(caster, t, origin, directions, hits, pixels, quick)
+        return self._arrived(caster, t, origin_mm, directions, hits, pixels, mixed)
+
+    def _complete(
+        self,
+        caster: RayCaster,
+        t: float,
+        origin_mm: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        hits: Hits,
+        pixels: NDArray[np.int64],
+        quick: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]],
+    ) -> Arrived:
+        """Add the samples that are left out, see `Reflection.on_samples`."""
+        factors, gloss, left = quick
+        if len(left):
+            some = Hits(hits.face[left], hits.depth[left], hits.weights[left])
+            found = self._arrived(caster, t, origin_mm, directions[left], some, pixels[left], None)
+            assert found.gloss is not None
+            factors[left], gloss[left] = found.factors, found.gloss
+        none = np.zeros(len(factors), dtype=np.uint64)
+        return Arrived(factors, gloss, none, none)
+
+    def _arrived(
+        self,
+        caster: RayCaster,
+        t: float,
+        origin_mm: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        hits: Hits,
+        pixels: NDArray[np.int64] | None,
+        mixed: NDArray[np.bool_] | None,
+    ) -> Arrived:
+        """As `arrived`, for all rays."""
         from scenetruth.render.shading_kernels import facing_points
 
         seen = np.flatnonzero(hits.face >= 0)
@@ -169,16 +207,19 @@ class Shader:
             found = self.irradiance(caster, lamps, points, normals, hits.face[seen], starts)
             factors[seen], state[seen], blocked[seen] = found
         else:
-            gloss = np.zeros(len(directions))
             origin = np.asarray(origin_mm, dtype=np.float64)
-            own = seen if pixels is None else pixels[seen]
-            place = SeenPoints(origin, points, normals, hits.face[seen], starts, hits.weights[seen], own)
+            hit = np.s_[:] if len(seen) == len(directions) else seen
+            own = None if pixels is None else pixels[hit]
+            place = SeenPoints(origin, points, normals, hits.face[hit], starts, hits.weights[hit], own)
             if mixed is not None:
+                place = place._replace(pixels=seen)
                 angle = largest_pixel_angle(directions, mixed.shape[1])
                 self._reflection.begin(caster, lamps, place, mixed, angle)
-            elif pixels is None:
-                place = place._replace(pixels=None)
-            factors[seen], gloss[seen], state[seen], blocked[seen] = self._reflection.light(caster, lamps, place)
+            found_light = self._reflection.light(caster, lamps, place)
+            if len(seen) == len(directions):
+                return Arrived(*found_light)
+            gloss = np.zeros(len(directions))
+            factors[seen], gloss[seen], state[seen], blocked[seen] = found_light
         return Arrived(factors, gloss, state, blocked)
 
     def on_hits(
