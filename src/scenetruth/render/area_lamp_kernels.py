@@ -22,10 +22,11 @@ VISIBLE, CERTAIN = 1, 2
 
 _LEAST_POINTS = 256
 _FIRST_FOUND = 1024
+_NARROWEST = 1e-9  # interval between lines
 _LEVELS = 7  # most halvings of an interval between lines
-_TOLERANCE = 2e-3  # share of the lamp by which the mean of two lines may differ from the line between
+_TOLERANCE = 1e-3  # share of the lamp by which the mean of two lines may differ from the line between
 _QUADRATURE = 9.2  # -ln of the error of sums around a lamp, 1e-4
-_FEWEST, _FEWEST_SHADED, _MOST = 5, 8, 64  # lines
+_FEWEST, _FEWEST_SHADED, _MOST = 5, 6, 64  # lines
 _MOST_PARTS = 8  # of a line
 _LITTLE = 0.4  # parts of a line, below which two points serve
 _PAIR = 0.5 / np.sqrt(3.0)  # Gauss points at this distance from the middle
@@ -336,7 +337,7 @@ def _lamp_shares(
     found = np.empty(_FIRST_FOUND, dtype=np.int32)
     outlines, kinds = np.empty((_FIRST_FOUND, 5, 2)), np.empty((_FIRST_FOUND, 3), dtype=np.int32)
     edges, marks = np.empty((5 * _FIRST_FOUND, 5)), np.empty((5 * _FIRST_FOUND, 2))
-    pieces = np.empty((5 * _FIRST_FOUND + 1, 3))
+    pieces, borders = np.empty((5 * _FIRST_FOUND + 1, 3)), np.empty(5 * _FIRST_FOUND)
     stack = np.empty((_LEVELS + 2, 13))
     for n in range(low, high):
         m, face = materials[faces[n]], faces[n]
@@ -360,7 +361,7 @@ def _lamp_shares(
             found = np.empty(space, dtype=np.int32)
             outlines, kinds = np.empty((space, 5, 2)), np.empty((space, 3), dtype=np.int32)
             edges, marks = np.empty((5 * space, 5)), np.empty((5 * space, 2))
-            pieces = np.empty((5 * space + 1, 3))
+            pieces, borders = np.empty((5 * space + 1, 3)), np.empty(5 * space)
             count = find_between(tree, start, near[n], centre, radius, face, found)
         work = (outlines, kinds, slots)
         used, certain = outline_edges(
@@ -375,26 +376,76 @@ def _lamp_shares(
         optics = (frame, eye, entering(tables[m], eye), values[m], tables[m])
         shades = (edges, used, marks, pieces)
         lines = max(lines, _FEWEST_SHADED)
-        _, factor, gloss, all_factor, all_gloss = _integrate(place, polar, points[n], lines, shades, optics, stack)
+        _, factor, gloss, all_factor, all_gloss = _integrate(
+            place, polar, points[n], lines, shades, optics, stack, borders
+        )
         shares[n, 0] = min(max(factor / all_factor, 0.0), 1.0) if all_factor > 0.0 else 1.0
         shares[n, 1] = min(max(gloss / all_gloss, 0.0), 1.0) if all_gloss > 0.0 else 1.0
         shares[n, 2], shares[n, 3] = all_factor, all_gloss
 
 
 @kernel(error_model="numpy")
+def _line_borders(
+    place: NDArray[np.float64], polar: bool, lines: int, edges: NDArray[np.float64], count: int,
+    borders: NDArray[np.float64],
+) -> Any:  # fmt: skip
+    """Fill in the borders of intervals of lines, ascending: even ones, and where edges enter or leave the lamp."""
+    for number in range(lines + 1):
+        borders[number] = number / lines
+    used = lines + 1
+    for item in range(count):
+        x, y = edges[item, 0], edges[item, 1]
+        dx, dy = edges[item, 2] - x, edges[item, 3] - y
+        square, along = dx * dx + dy * dy, x * dx + y * dy
+        for ring in range(2):
+            root, middle = 0.0, 0.0
+            if polar:
+                rest = along * along - square * (x * x + y * y - place[SIZES + ring] ** 2)
+                if rest <= 0.0 or place[SIZES + ring] == 0.0 or square == 0.0:
+                    continue
+                root, middle = np.sqrt(rest) / square, -along / square
+            elif dx != 0.0:
+                middle = ((place[SIZES] if ring == 0 else -place[SIZES]) - x) / dx
+            else:
+                continue
+            for sign in range(-1, 2, 2):
+                share = middle + sign * root
+                if share < 0.0 or share >= 1.0 or (sign > 0 and not polar):
+                    continue
+                if polar:
+                    at = (np.arctan2(y + share * dy, x + share * dx) / (2.0 * np.pi)) % 1.0
+                else:
+                    at = 0.5 * ((y + share * dy) / place[SIZES + 1] + 1.0)
+                if at <= 0.0 or at >= 1.0 or used == borders.shape[0]:
+                    continue
+                number = used
+                while borders[number - 1] > at:
+                    borders[number] = borders[number - 1]
+                    number -= 1
+                borders[number] = at
+                used += 1
+    return used
+
+
+@kernel(error_model="numpy")
 def _integrate(
     place: NDArray[np.float64], polar: bool, point: NDArray[np.float64], lines: int, shades: tuple[Any, ...],
-    optics: tuple[Any, ...], stack: NDArray[np.float64],
+    optics: tuple[Any, ...], stack: NDArray[np.float64], borders: NDArray[np.float64],
 ) -> Any:  # fmt: skip
     """Integrate a lamp by Simpson's rule over lines, halved where visibility bends; see `_along_line`."""
     seen, factor, gloss, all_factor, all_gloss = 0.0, 0.0, 0.0, 0.0, 0.0
+    edges, count, _, _ = shades
+    used = _line_borders(place, polar, lines, edges, count, borders)
     first = _along_line(0.0, place, polar, point, shades, optics)
     before = first
-    for number in range(lines):
+    for number in range(1, used):
+        low, high = borders[number - 1], borders[number]
+        if high - low < _NARROWEST:
+            continue
         after = first
-        if number + 1 < lines or not polar:
-            after = _along_line((number + 1) / lines, place, polar, point, shades, optics)
-        stack[0, 0], stack[0, 1], stack[0, 2] = number / lines, 1.0 / lines, 0.0
+        if number + 1 < used or not polar:
+            after = _along_line(high, place, polar, point, shades, optics)
+        stack[0, 0], stack[0, 1], stack[0, 2] = low, high - low, 0.0
         for k in range(5):
             stack[0, 3 + k], stack[0, 8 + k] = before[k], after[k]
         waiting = 1

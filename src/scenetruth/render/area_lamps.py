@@ -21,7 +21,7 @@ __all__ = ["AreaLamps", "SeenPoints", "largest_pixel_angle", "pack_lamp"]
 Surface = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]
 Seen = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]
 _INTERPOLATED = 6e-3  # largest error of interpolated shares of light at the nearest pixels
-_EVEN, _BROAD = 0.02, 0.5
+_EVEN, _BROAD = 0.05, 0.5
 """Range of shares around a pixel, below which their mean serves for its samples, and above which each has its own."""
 _STEEP = 0.12  # difference of shares of neighbours, from which every sample has its own
 _BEND = 1e-4  # relative error of the light that is interpolated between the corners of a face
@@ -88,6 +88,7 @@ class _View:
     ``shares``: Of factor and gloss, for each lamp, shape (lamps, height, width, 2).
     ``corner_light``: Light of each lamp without shadows, and ambient light, at the corners of faces, NaN if it is not
     computed, shape (lamps + 1, m, 3, 2). ``fine``: Faces on which it can be interpolated, shape (m,).
+    ``done``: Faces for which nothing is left to compute, shape (lamps + 1, m).
     """
 
     caster: RayCaster
@@ -100,6 +101,7 @@ class _View:
     shares: NDArray[np.float64]
     corner_light: NDArray[np.float64]
     fine: NDArray[np.bool_]
+    done: NDArray[np.bool_]
 
 
 class AreaLamps:
@@ -140,6 +142,7 @@ class AreaLamps:
         body[place.pixels] = world.face_body[place.faces]
         distance = np.full(mixed.size, np.nan)
         distance[place.pixels] = np.linalg.norm(place.points_mm - place.origin_mm, axis=1)
+        fine = self._fine_faces(caster, place.origin_mm, [lamp for lamp in lamps if lamp.area is not None])
         view = _View(
             caster,
             place.origin_mm,
@@ -150,7 +153,8 @@ class AreaLamps:
             np.zeros(shape, dtype=np.uint8),
             np.ones((len(lamps), *shape, 2)),
             np.full((len(lamps) + 1, len(world.face_body), 3, 2), np.nan),
-            self._fine_faces(caster, place.origin_mm, [lamp for lamp in lamps if lamp.area is not None]),
+            fine,
+            np.tile(~fine, (len(lamps) + 1, 1)),
         )
         if self._shadows:
             self._find_shares(view, place, surface, mixed)
@@ -190,8 +194,9 @@ class AreaLamps:
         corner_light = view.corner_light[number]
         found = np.zeros(len(view.fine), dtype=np.bool_)
         found[faces] = True
-        missing = np.flatnonzero(found & view.fine & np.isnan(corner_light[:, 0, 0])).astype(np.int32)
+        missing = np.flatnonzero(found & ~view.done[number]).astype(np.int32)
         if len(missing):
+            view.done[number, missing] = True
             caster, own = view.caster, np.repeat(missing, 3)
             corners = caster.vertices_mm[caster.topology.faces[missing]].reshape(-1, 3)
             normals = caster.face_normals[own]

@@ -18,7 +18,7 @@ COARSEST = 8
 """Spacing of the first pixels."""
 LEVELS = ((4, True), (4, False), (2, True), (2, False), (1, True), (1, False))
 """Steps from a pixel to its nearest known pixels, diagonally (True) or along rows and columns, level by level."""
-_FINE = 2  # longest step over which values are interpolated
+_FINE = 2  # step up to which the tolerance is constant; it decreases with the square of longer steps
 _FEWEST = 3  # pixels around a point whose range counts
 _LEAST_ROWS, _LEAST_SAMPLES = 8, 16384
 
@@ -101,7 +101,7 @@ def _predict_level(
                     # Exact for cubic functions.
                     one, other = 1.25 * one - far_one / 32.0, 1.25 * other - far_other / 32.0
             values[y, x, 0], values[y, x, 1] = min(max(one, 0.0), 1.0), min(max(other, 0.0), 1.0)
-            if step <= _FINE and worst <= tolerance:
+            if worst * max(step, _FINE) ** 2 <= tolerance * _FINE**2:
                 known[y, x], error[y, x] = EXACT, worst
             else:
                 wanted[y, x] = True
