@@ -13,7 +13,7 @@ from scenetruth.render.lamp_shadow_kernels import AXIS, CENTRE, RADIANCE, SIZES,
 from scenetruth.render.reflectance_kernels import entering, frame_of, in_frame, reflect_ray, towards
 from scenetruth.threads import in_bands
 
-__all__ = ["CERTAIN", "POLAR", "RECTANGLE", "SPHERE", "VISIBLE", "lamp_shares", "unshaded_light"]
+__all__ = ["CERTAIN", "POLAR", "RECTANGLE", "SPHERE", "VISIBLE", "lamp_shares", "unshaded_corners", "unshaded_light"]
 
 POLAR, RECTANGLE, SPHERE = 0, 1, 2
 """Shapes of lamps: discs and rings; rectangles; spheres."""
@@ -28,7 +28,7 @@ _TOLERANCE = 1e-3  # share of the lamp by which the mean of two lines may differ
 _QUADRATURE = 9.2  # -ln of the error of sums around a lamp, 1e-4
 _FEWEST, _FEWEST_SHADED, _MOST = 5, 6, 64  # lines
 _MOST_PARTS = 8  # of a line
-_LITTLE = 0.4  # parts of a line, below which two points serve
+_LITTLE, _COARSE = 0.4, -1.0  # parts of a line, below which two points serve, and for which one does
 _PAIR = 0.5 / np.sqrt(3.0)  # Gauss points at this distance from the middle
 _SIDE = 0.5 * np.sqrt(0.6)  # Gauss points of a part: the middle, and this far from it
 
@@ -50,6 +50,20 @@ def unshaded_light(
     """
     out = np.empty((len(view[1]), 2))
     in_bands(_unshaded_light, len(out), lamp, view, surface, out, least=_LEAST_POINTS)
+    return out
+
+
+def unshaded_corners(
+    lamp: NDArray[np.float64],
+    view: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]],
+    surface: tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]],
+) -> NDArray[np.float64]:
+    """Compute the light at the corners of small faces, as `unshaded_light`, shape (n, 3, 2).
+
+    ``view``: Camera; corners, shape (n, 3, 3); and unit normals on the visible side and numbers of the faces.
+    """
+    out = np.empty((len(view[1]), 3, 2))
+    in_bands(_unshaded_corners, len(out), lamp, view, surface, out, least=_LEAST_POINTS)
     return out
 
 
@@ -232,8 +246,10 @@ def _along_line(
     sy = (x1 - x0) * place[4] + (y1 - y0) * place[7]
     sz = (x1 - x0) * place[5] + (y1 - y0) * place[8]
     factor, gloss, all_factor, all_gloss = 0.0, 0.0, 0.0, 0.0
-    at, number, parts = 0.0, 1, np.ceil(place[_PARTS])
-    even = count == 0 and place[_PARTS] < _LITTLE and crossing > 1.0
+    at, number, parts = 0.0, 1, max(np.ceil(place[_PARTS]), 1.0)
+    nodes = 3
+    if count == 0 and place[_PARTS] < _LITTLE and crossing > 1.0:
+        nodes = 1 if place[_PARTS] == _COARSE else 2
     while at < 1.0:
         # The next part, which ends at the tangent plane at the latest.
         after = min(number / parts, 1.0)
@@ -256,9 +272,10 @@ def _along_line(
                 low += scale * (cubes - squares)
                 high += scale * (cubes + squares)
                 centre += pieces[item, 2] * (t1 - t0) - 2.0 * scale * cubes
-        # Two Gauss points where the light changes little.
-        for node in range(-1, 2, 2 if even else 1):
-            u = middle + width * node * (_PAIR if even else _SIDE)
+        for node in range(-1, 2):
+            if (nodes == 2 and node == 0) or (nodes == 1 and node != 0):
+                continue
+            u = middle + width * node * (_PAIR if nodes == 2 else _SIDE)
             area = 4.0 * inner * outer
             if polar:
                 area = 2.0 * np.pi * (inner + u * (outer - inner)) * (outer - inner)
@@ -272,7 +289,7 @@ def _along_line(
             else:
                 light = in_frame(frame, dx / far, dy / far, dz / far)
                 one, other = reflect_ray(incident / (square * far), light, eye, leaving, values, tables)
-            weight = 0.5 if even else (4.0 if node == 0 else 2.5) / 9.0
+            weight = 1.0 / nodes if nodes < 3 else (4.0 if node == 0 else 2.5) / 9.0
             share = weight
             if count > 0:
                 share = centre if node == 0 else (low if node < 0 else high)
@@ -280,6 +297,36 @@ def _along_line(
             all_factor, all_gloss = all_factor + weight * one, all_gloss + weight * other
         at = after
     return seen, factor, gloss, all_factor, all_gloss
+
+
+@kernel(error_model="numpy")
+def _unshaded_at(
+    place: NDArray[np.float64], polar: bool, lines: int, side: int, point: NDArray[np.float64],
+    normal: NDArray[np.float64], optics: tuple[Any, ...], none: tuple[Any, ...],
+) -> Any:  # fmt: skip
+    """Return factor and gloss at a point, with what `_set_lines` has set."""
+    values = optics[3]
+    if side < 0 and values[4] == 0.0:
+        return 0.0, 0.0
+    if values[0] <= 1.0 and values[3] == 0.0 and side != 0:
+        light = _closed_form(place, polar, point, normal)
+        return (light * values[9] if side > 0 else -light * values[4]), 0.0
+    if side == 0:
+        lines = max(lines, 4 * _FEWEST_SHADED)
+    factor, gloss = 0.0, 0.0
+    if polar:
+        for number in range(lines):
+            line = _along_line(number / lines, place, polar, point, none, optics)
+            factor, gloss = factor + line[3] / lines, gloss + line[4] / lines
+        return factor, gloss
+    # Three Gauss points between two of the lines.
+    for number in range(max(lines // 2, 1)):
+        for node in range(-1, 2):
+            s = (number + 0.5 + node * _SIDE) / max(lines // 2, 1)
+            line = _along_line(s, place, polar, point, none, optics)
+            weight = (4.0 if node == 0 else 2.5) / 9.0 / max(lines // 2, 1)
+            factor, gloss = factor + weight * line[3], gloss + weight * line[4]
+    return factor, gloss
 
 
 @kernel(error_model="numpy")
@@ -294,34 +341,51 @@ def _unshaded_light(
     for n in range(low, high):
         out[n, 0], out[n, 1] = 0.0, 0.0
         m = materials[faces[n]]
-        if not _face_lamp(lamp, points[n], place):
-            continue
-        lines, side = _set_lines(place, polar, points[n], normals[n], values[m])
-        if side < 0 and values[m, 4] == 0.0:
-            continue
-        if values[m, 0] <= 1.0 and values[m, 3] == 0.0 and side != 0:
-            light = _closed_form(place, polar, points[n], normals[n])
-            out[n, 0] = light * values[m, 9] if side > 0 else -light * values[m, 4]
-            continue
-        frame = frame_of(normals[n], tangents[faces[n]])
-        eye = towards(frame, origin, points[n])
-        optics = (frame, eye, entering(tables[m], eye), values[m], tables[m])
-        if side == 0:
-            lines = max(lines, 4 * _FEWEST_SHADED)
-        if polar:
-            for number in range(lines):
-                line = _along_line(number / lines, place, polar, points[n], none, optics)
-                out[n, 0] += line[3] / lines
-                out[n, 1] += line[4] / lines
-            continue
-        # Three Gauss points between two of the lines.
-        for number in range(lines // 2):
-            for node in range(-1, 2):
-                s = (number + 0.5 + node * _SIDE) / (lines // 2)
-                line = _along_line(s, place, polar, points[n], none, optics)
-                weight = (4.0 if node == 0 else 2.5) / 9.0 / (lines // 2)
-                out[n, 0] += weight * line[3]
-                out[n, 1] += weight * line[4]
+        if _face_lamp(lamp, points[n], place):
+            lines, side = _set_lines(place, polar, points[n], normals[n], values[m])
+            frame = frame_of(normals[n], tangents[faces[n]])
+            eye = towards(frame, origin, points[n])
+            optics = (frame, eye, entering(tables[m], eye), values[m], tables[m])
+            out[n, 0], out[n, 1] = _unshaded_at(place, polar, lines, side, points[n], normals[n], optics, none)
+
+
+@kernel(error_model="numpy")
+def _unshaded_corners(
+    low: int, high: int, lamp: NDArray[np.float64], view: tuple[NDArray[Any], ...], surface: tuple[NDArray[Any], ...],
+    out: NDArray[np.float64],
+) -> None:  # fmt: skip
+    origin, corners, normals, faces = view
+    tangents, materials, values, tables = surface
+    place, polar = np.empty(_PLACES), lamp[0] != RECTANGLE
+    none = (np.empty((0, 5)), 0, np.empty((0, 2)), np.empty((0, 3)))
+    for n in range(low, high):
+        m, normal = materials[faces[n]], normals[n]
+        frame = frame_of(normal, tangents[faces[n]])
+        coarse, factor, gloss = False, 0.0, 0.0
+        for c in range(3):
+            point = corners[n, c]
+            out[n, c, 0], out[n, c, 1] = 0.0, 0.0
+            if not _face_lamp(lamp, point, place):
+                coarse = False
+                continue
+            lines, side = _set_lines(place, polar, point, normal, values[m])
+            eye = towards(frame, origin, point)
+            optics = (frame, eye, entering(tables[m], eye), values[m], tables[m])
+            if not coarse:
+                one, other = _unshaded_at(place, polar, lines, side, point, normal, optics, none)
+            if c == 0:
+                # Differences between the corners follow from few points, if the light of the lamp is even.
+                factor, gloss = one, other
+                broad = lines == _FEWEST and place[_PARTS] < _LITTLE
+                coarse = broad and side > 0 and (values[m, 0] > 1.0 or values[m, 3] > 0.0)
+            if coarse:
+                place[_PARTS] = _COARSE
+                some, shine = _unshaded_at(place, polar, 3, side, point, normal, optics, none)
+                if c == 0:
+                    factor, gloss = factor - some, gloss - shine
+                else:
+                    one, other = factor + some, gloss + shine
+            out[n, c, 0], out[n, c, 1] = one, other
 
 
 @kernel(error_model="numpy")

@@ -197,11 +197,11 @@ class AreaLamps:
         missing = np.flatnonzero(found & ~view.done[number]).astype(np.int32)
         if len(missing):
             view.done[number, missing] = True
-            caster, own = view.caster, np.repeat(missing, 3)
-            corners = caster.vertices_mm[caster.topology.faces[missing]].reshape(-1, 3)
-            normals = caster.face_normals[own]
-            normals *= np.where(np.einsum("nk,nk->n", normals, view.origin_mm - corners) > 0, 1.0, -1.0)[:, None]
-            corner_light[missing] = compute((view.origin_mm, corners, normals, own)).reshape(-1, 3, 2)
+            caster = view.caster
+            corners, normals = caster.vertices_mm[caster.topology.faces[missing]], caster.face_normals[missing]
+            towards = np.einsum("nk,nk->n", normals, view.origin_mm - corners[:, 0])
+            normals *= np.where(towards > 0, 1.0, -1.0)[:, None]
+            corner_light[missing] = compute((view.origin_mm, corners, normals, missing))
 
     def _interpolated(
         self, view: _View, number: int, place: SeenPoints, compute: Callable[[Seen], NDArray[np.float64]]
@@ -255,18 +255,24 @@ class AreaLamps:
     def _computation(
         self, number: int, ambient: float, lamps: list[Lamp], surface: Surface
     ) -> Callable[[Seen], NDArray[np.float64]]:
-        """Return the function that computes the light of one of the lamps, or the ambient light after the last."""
-        from scenetruth.render.area_lamp_kernels import unshaded_light
+        """Return the function that computes the light of one of the lamps, or the ambient light after the last.
+
+        It takes points, shape (n, 3), or the corners of faces, shape (n, 3, 3), and returns factors and gloss.
+        """
+        from scenetruth.render.area_lamp_kernels import unshaded_corners, unshaded_light
         from scenetruth.render.reflectance_kernels import reflect_ambient
 
         if number < len(lamps):
             packed = pack_lamp(lamps[number])
-            return lambda seen: unshaded_light(packed, seen, surface)
+            return lambda seen: (unshaded_corners if seen[1].ndim == 3 else unshaded_light)(packed, seen, surface)
 
         def compute(seen: Seen) -> NDArray[np.float64]:
-            factors, gloss = np.zeros((2, len(seen[1])))
-            reflect_ambient(ambient, seen, surface, factors, gloss)
-            return np.column_stack([factors, gloss])
+            origin, points, normals, faces = seen
+            shape, repeats = points.shape[:-1], 3 if points.ndim == 3 else 1
+            factors, gloss = np.zeros((2, len(faces) * repeats))
+            many = (np.repeat(normals, repeats, axis=0), np.repeat(faces, repeats))
+            reflect_ambient(ambient, (origin, points.reshape(-1, 3), *many), surface, factors, gloss)
+            return np.stack([factors.reshape(shape), gloss.reshape(shape)], axis=-1)
 
         return compute
 
