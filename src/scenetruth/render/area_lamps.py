@@ -21,8 +21,8 @@ __all__ = ["AreaLamps", "SeenPoints", "largest_pixel_angle", "pack_lamp"]
 Surface = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]
 Seen = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]
 _INTERPOLATED = 6e-3  # largest error of interpolated shares of light at the nearest pixels
-_EVEN, _BROAD = 0.05, 0.5
-"""Range of shares around a pixel, below which their mean serves for its samples, and above which each has its own."""
+_EVEN, _BROAD = 0.3, 0.6
+"""Range of shares around a pixel: below the first, a plane serves for its samples; above the second, each has its own."""
 _STEEP = 0.12  # difference of shares of neighbours, from which every sample has its own
 _BEND = 1e-4  # relative error of the light that is interpolated between the corners of a face
 _APART = 6.0  # pixels between two surfaces, in depth
@@ -135,6 +135,8 @@ class AreaLamps:
         ``place``: Points at the pixel centres. ``mixed``: Pixels whose footprint crosses an edge, shape (height,
         width). ``pixel_angle``: Largest angle between neighbouring pixels.
         """
+        from scenetruth.render.lamp_lattice_kernels import CLEAR
+
         world, shape = self._world, mixed.shape
         assert place.pixels is not None
         packed = [None if lamp.area is None else pack_lamp(lamp) for lamp in lamps]
@@ -150,7 +152,7 @@ class AreaLamps:
             body.reshape(shape),
             distance.reshape(shape),
             pixel_angle,
-            np.zeros(shape, dtype=np.uint8),
+            np.full(shape, CLEAR, dtype=np.uint8),
             np.ones((len(lamps), *shape, 2)),
             np.full((len(lamps) + 1, len(world.face_body), 3, 2), np.nan),
             fine,
@@ -159,6 +161,13 @@ class AreaLamps:
         if self._shadows:
             self._find_shares(view, place, surface, mixed)
         self._view = view
+
+    def steep(self) -> NDArray[np.bool_]:
+        """Return the pixels of the image next to which the shares are very different, shape (height, width)."""
+        from scenetruth.render.lamp_lattice_kernels import STEEP
+
+        assert self._view is not None
+        return np.asarray(self._view.knowledge == STEEP)
 
     def light(
         self, caster: RayCaster, number: int, lamp: Lamp, place: SeenPoints, surface: Surface
@@ -227,8 +236,8 @@ class AreaLamps:
             assert lamp.area is not None
             reach = float(np.hypot(*lamp.area.sizes_mm)) if lamp.area.shape == "rectangle" else lamp.area.sizes_mm[1]
             nearest = np.minimum(nearest, np.linalg.norm(centres - lamp.position_mm, axis=1) - reach)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            bend = (longest / np.maximum(nearest - longest, 1e-300)) ** 2 / 8 * (1 + 4 / self._roughness**2)
+        with np.errstate(divide="ignore"):
+            bend = (longest / np.maximum(nearest - longest, 1e-3 * longest)) ** 2 / 8 * (1 + 4 / self._roughness**2)
         return np.asarray((bend < _BEND) & (nearest > longest) & ~self._world.face_smooth)
 
     def on_samples(
@@ -290,7 +299,7 @@ class AreaLamps:
         light: NDArray[np.float64],
     ) -> None:  # fmt: skip
         """Multiply light by the shares that reach points, in place, shape (n, 2)."""
-        from scenetruth.render.lamp_lattice_kernels import apply_shares, find_spread
+        from scenetruth.render.lamp_lattice_kernels import apply_shares, extrapolate
 
         def exact(chosen: NDArray[np.int64]) -> NDArray[np.float64]:
             some = place.some(chosen)
@@ -318,10 +327,9 @@ class AreaLamps:
             leaders = left[other[ranked[np.cumsum(count) - count + count // 2]]]
             distance = np.linalg.norm(place.points_mm[leaders] - place.origin_mm, axis=1)
             image, apart = (view.body, view.distance_mm), _APART * view.pixel_angle
-            found = find_spread(
-                place.pixels[leaders], (bodies[leaders], distance), image, view.knowledge, shares, apart
-            )
-            means, spread = found[:, :2], found[:, 2:].max(axis=1)
+            near_pixels = (place.pixels[leaders], (bodies[leaders], distance), image, view.knowledge)
+            found = extrapolate(*near_pixels, shares, apart)
+            means, spread = found[:, :2], found[:, 2]
             some = np.flatnonzero(~(spread <= _EVEN) & ~(spread > _BROAD))
             means[some] = exact(leaders[some])
             near[other] = means[owner]
@@ -351,7 +359,16 @@ class AreaLamps:
     ) -> None:  # fmt: skip
         """Fill in the shares of the light of one lamp, from coarse to fine."""
         from scenetruth.render.area_lamp_kernels import CERTAIN
-        from scenetruth.render.lamp_lattice_kernels import COARSEST, EXACT, LEVELS, SURE, predict_level
+        from scenetruth.render.lamp_lattice_kernels import (
+            CLEAR,
+            COARSEST,
+            EXACT,
+            LEVELS,
+            STEEP,
+            SURE,
+            UNKNOWN,
+            predict_level,
+        )
 
         values, shape = view.shares[number], label.shape
         known, error = np.zeros(shape, dtype=np.uint8), np.full(shape, np.inf)
@@ -379,7 +396,9 @@ class AreaLamps:
             differ &= (label[one] == label[other]) & (label[one] > 0)
             apart[one] |= differ
             apart[other] |= differ
-        view.knowledge[:] = np.maximum(view.knowledge, np.where(apart, 2, known > 0))
+        own = np.where(known == SURE, CLEAR, EXACT)
+        view.knowledge[:] = np.where(apart | (view.knowledge == STEEP), STEEP, np.minimum(view.knowledge, own))
+        view.knowledge[known == UNKNOWN] = UNKNOWN
 
     def _exact_shares(
         self, caster: RayCaster, packed: NDArray[np.float64], place: SeenPoints, surface: Surface,

@@ -10,16 +10,32 @@ from numpy.typing import NDArray
 from scenetruth.kernels import kernel
 from scenetruth.threads import in_bands
 
-__all__ = ["COARSEST", "EXACT", "LEVELS", "SURE", "UNKNOWN", "find_spread", "mix_light", "predict_level"]
+__all__ = [
+    "CLEAR",
+    "COARSEST",
+    "EXACT",
+    "LEVELS",
+    "STEEP",
+    "SURE",
+    "UNKNOWN",
+    "apply_shares",
+    "extrapolate",
+    "light_samples",
+    "mix_light",
+    "predict_level",
+]
 
 UNKNOWN, EXACT, SURE = 0, 1, 2
 """Knowledge of a pixel: none; a value; and that nothing shades the pixels around it."""
+STEEP, CLEAR = 2, 3
+"""Further knowledge of pixels in an image: shares hold for the centre only; nothing is in the way around it."""
 COARSEST = 8
 """Spacing of the first pixels."""
 LEVELS = ((4, True), (4, False), (2, True), (2, False), (1, True), (1, False))
 """Steps from a pixel to its nearest known pixels, diagonally (True) or along rows and columns, level by level."""
 _FINE = 2  # step up to which the tolerance is constant; it decreases with the square of longer steps
-_FEWEST = 3  # pixels around a point whose range counts
+_FEWEST, _FLAT = 5, 0.03  # pixels around a point from which values are extrapolated, and their distance from a plane
+_SAME = 1e-3  # difference from no light and all light
 _LEAST_ROWS, _LEAST_SAMPLES = 8, 16384
 
 
@@ -107,7 +123,7 @@ def _predict_level(
                 wanted[y, x] = True
 
 
-def find_spread(
+def extrapolate(
     pixels: NDArray[np.int64],
     places: tuple[NDArray[np.int32], NDArray[np.float64]],
     image: tuple[NDArray[np.int32], NDArray[np.float64]],
@@ -115,47 +131,74 @@ def find_spread(
     values: NDArray[np.float64],
     apart: float,
 ) -> NDArray[np.float64]:
-    """Return mean and range of both values at the known pixels around points, on the same surface, shape (n, 4).
+    """Return both values at points from planes through the known pixels around them, and the range, shape (n, 3).
 
-    The range is NaN if there are fewer than three. ``pixels``: In row-major order, shape (n,).
+    ``pixels``: In row-major order, shape (n,).
     ``places``: Body of each point, and distance from the camera, shape (n,) each.
     ``image``: The same for all pixels, shape (height, width) each.
     ``knowledge``: See `apply_shares`, shape (height, width). ``values``: Shape (height, width, 2).
     ``apart``: Difference of the distances between surfaces, relative to the distance.
+    Returns: The range of the values of the pixels; NaN if there are too few, if they do not lie in a plane within
+    `_FLAT`, or if the point may be in a shadow that they do not see.
     """
-    out = np.empty((len(pixels), 4))
+    out = np.empty((len(pixels), 3))
     maps = (places, image, knowledge, values, apart)
-    in_bands(_find_spread, len(pixels), pixels, *maps, out, least=1024)
+    in_bands(_extrapolate, len(pixels), pixels, *maps, out, least=1024)
     return out
 
 
 @kernel(error_model="numpy")
-def _find_spread(
+def _extrapolate(
     low: int, high: int, pixels: NDArray[np.int64], places: tuple[Any, ...], image: tuple[Any, ...],
     knowledge: NDArray[np.uint8], values: NDArray[np.float64], apart: float, out: NDArray[np.float64],
 ) -> None:  # fmt: skip
     bodies, distances = places
     body, distance = image
     rows, columns = body.shape
+    around = np.empty((25, 4))
     for n in range(low, high):
         row, column = pixels[n] // columns, pixels[n] % columns
-        for reach in range(1, 3):
-            count = 0
-            for k in range(2):
-                total, least, most = 0.0, np.inf, -np.inf
-                for v in range(max(row - reach, 0), min(row + reach + 1, rows)):
-                    for u in range(max(column - reach, 0), min(column + reach + 1, columns)):
-                        near = abs(distance[v, u] - distances[n]) < apart * distances[n]
-                        if knowledge[v, u] == 1 and body[v, u] == bodies[n] and near:
-                            total += values[v, u, k]
-                            least, most = min(least, values[v, u, k]), max(most, values[v, u, k])
-                            count += k
-                out[n, k], out[n, 2 + k] = total, most - least
-            if count >= _FEWEST:
-                break
-        out[n, 0], out[n, 1] = out[n, 0] / max(count, 1), out[n, 1] / max(count, 1)
-        if count < _FEWEST:
+        count, sure, least, most = 0, 0, np.inf, -np.inf
+        x, y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0
+        for v in range(max(row - 2, 0), min(row + 3, rows)):
+            for u in range(max(column - 2, 0), min(column + 3, columns)):
+                near = abs(distance[v, u] - distances[n]) < apart * distances[n]
+                if not near or body[v, u] != bodies[n] or knowledge[v, u] == UNKNOWN:
+                    continue
+                sure += knowledge[v, u] == CLEAR
+                around[count, 0], around[count, 1] = float(u - column), float(v - row)
+                around[count, 2], around[count, 3] = values[v, u, 0], values[v, u, 1]
+                for k in range(2):
+                    least, most = min(least, values[v, u, k]), max(most, values[v, u, k])
+                count += 1
+        out[n, 2] = most - least
+        if count > 0 and sure == count:
+            out[n, 0], out[n, 1] = 1.0, 1.0
+            continue
+        for item in range(count):
+            x, y = x + around[item, 0] / count, y + around[item, 1] / count
+        for item in range(count):
+            u, v = around[item, 0] - x, around[item, 1] - y
+            xx, xy, yy = xx + u * u, xy + u * v, yy + v * v
+        square = xx * yy - xy * xy
+        # Surfaces that are not partly in the shadow may be next to one.
+        if count < _FEWEST or square < 1.0 or least > 1.0 - _SAME or most < _SAME:
             out[n, 2] = np.nan
+            continue
+        for k in range(2):
+            mean, along, down, worst = 0.0, 0.0, 0.0, 0.0
+            for item in range(count):
+                mean += around[item, 2 + k] / count
+            for item in range(count):
+                value = around[item, 2 + k] - mean
+                along, down = along + value * (around[item, 0] - x), down + value * (around[item, 1] - y)
+            slope, fall = (along * yy - down * xy) / square, (down * xx - along * xy) / square
+            for item in range(count):
+                plane = mean + slope * (around[item, 0] - x) + fall * (around[item, 1] - y)
+                worst = max(worst, abs(around[item, 2 + k] - plane))
+            out[n, k] = min(max(mean - slope * x - fall * y, 0.0), 1.0)
+            if worst > _FLAT:
+                out[n, 2] = np.nan
 
 
 def mix_light(
@@ -192,8 +235,8 @@ def apply_shares(
     """Multiply light by the shares of the pixels, in place, and return what is left to do, shape (n,).
 
     ``pixels``, ``bodies``: Pixel and body of each sample, shape (n,).
-    ``body``, ``knowledge``, ``shares``: Body of each pixel, shape (k,); 0 if its shares are not known, 1 if they are,
-      and 2 if they hold for its centre only; and the shares, shape (k, 2).
+    ``body``, ``knowledge``, ``shares``: Body of each pixel, shape (k,); `UNKNOWN`, `EXACT`, `STEEP` or `CLEAR`; and
+      the shares, shape (k, 2).
     ``light``: Shape (n, 2). Returns: 0 for samples with shares, 1 if they are unknown, 2 if they must be computed.
     """
     left = np.empty(len(pixels), dtype=np.uint8)
@@ -208,10 +251,10 @@ def _apply_shares(
 ) -> None:  # fmt: skip
     for n in range(low, high):
         pixel = pixels[n]
-        if body[pixel] != bodies[n] or knowledge[pixel] == 0:
+        if body[pixel] != bodies[n] or knowledge[pixel] == UNKNOWN:
             left[n] = 1
             continue
-        left[n] = 2 if knowledge[pixel] == 2 else 0
+        left[n] = 2 if knowledge[pixel] == STEEP else 0
         if left[n] == 0:
             light[n, 0], light[n, 1] = light[n, 0] * shares[pixel, 0], light[n, 1] * shares[pixel, 1]
 
@@ -250,7 +293,7 @@ def _light_samples(
     for n in range(low, high):
         pixel, face, one, other = pixels[n], faces[n], weights[n, 0], weights[n, 1]
         first = 1.0 - one - other
-        left[n] = body[pixel] != face_body[face] or knowledge[pixel] != 1
+        left[n] = body[pixel] != face_body[face] or knowledge[pixel] == UNKNOWN or knowledge[pixel] == STEEP
         total, shine = 0.0, 0.0
         for lamp in range(lamps + 1):
             light = first * corner_light[lamp, face, 0, 0] + one * corner_light[lamp, face, 1, 0]

@@ -247,6 +247,10 @@ class Reflection:
         if any(lamp.area is not None for lamp in lamps):
             self._areas.begin(caster, lamps, place, self._surface(caster), mixed, pixel_angle)
 
+    def steep(self) -> NDArray[np.bool_] | None:
+        """Return the pixels of the prepared image at borders of sharp shadows of lamps with a size."""
+        return self._areas.steep() if self._lighting.has_areas else None
+
     def on_samples(
         self, caster: RayCaster, lamps: list[Lamp], origin_mm: NDArray[np.float64],
         samples: tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]],

@@ -420,6 +420,9 @@ class Shader:
         brightest = float(shade[face >= 0].max(initial=0.0))
         zones = light.state.reshape(mixed.shape)
         uneven, borders = uneven_pixels(shade, zones, face, mixed, _STEEPEST * brightest)
+        steep = self._reflection.steep()
+        if steep is not None:
+            uneven, borders = uneven | steep, borders | steep
         gloss = None
         if light.gloss is not None:
             gloss = light.gloss.reshape(mixed.shape)

@@ -34,6 +34,7 @@ __all__ = [
 
 EVERYWHERE = -1.0
 """Cone-border cosine of a lamp without a cone."""
+_THIN = 1e-6  # distance from a flat lamp, relative to its size, below which a point is on it
 _PARALLEL = 1e-6  # length below which the width of a lamp is parallel to its axis
 
 
@@ -72,6 +73,36 @@ class Lamp:
     cos_inner: float
     cos_outer: float
     area: LampArea | None = None
+
+    def outline_mm(self) -> NDArray[np.float64]:
+        """Return points of the lamp, shape (n, 3): its centre unless it is a ring, and points on its outline."""
+        assert self.position_mm is not None
+        if self.area is None:
+            return self.position_mm[None]
+        inner, outer = self.area.sizes_mm
+        if self.area.shape == "sphere":
+            return self.position_mm + outer * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+        if self.area.shape == "rectangle":
+            places = np.array([(0, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)]) * self.area.sizes_mm
+        else:
+            angles = 2 * np.pi * np.arange(16) / 16
+            around = np.column_stack([np.cos(angles), np.sin(angles)])
+            places = np.concatenate([inner * around[: None if inner > 0 else 1], outer * around])
+        return np.asarray(self.position_mm + places @ np.stack([self.area.across, self.area.down]))
+
+    def contains(self, point_mm: NDArray[np.float64]) -> bool:
+        """Return whether a point lies within a lamp with a size, or on it."""
+        if self.area is None or self.position_mm is None:
+            return False
+        away, (inner, outer) = point_mm - self.position_mm, self.area.sizes_mm
+        if self.area.shape == "sphere":
+            return float(np.linalg.norm(away)) <= outer
+        if abs(float(away @ self.axis)) > _THIN * outer:
+            return False
+        across, down = abs(float(away @ self.area.across)), abs(float(away @ self.area.down))
+        if self.area.shape == "rectangle":
+            return across <= inner and down <= outer
+        return inner <= float(np.hypot(across, down)) <= outer
 
 
 class LightModel(FrozenModel):
@@ -278,6 +309,15 @@ class RectangleLight(_FlatLight):
     width_direction: Direction = (1.0, 0.0, 0.0)
     """Direction of the width at t = 0; its part at right angles to the axis counts."""
 
+    @model_validator(mode="after")
+    def _width(self) -> Self:
+        _, axis = self._facing(0.0)
+        width = np.asarray(self.width_direction)
+        if not float(np.linalg.norm(np.cross(axis, width))) > _PARALLEL * float(np.linalg.norm(width)):
+            msg = "width_direction must not be parallel to the axis of the lamp"
+            raise ValueError(msg)
+        return self
+
     def lamp(self, t: float) -> Lamp:
         """Return the light at time t, see `LightModel`."""
         at, axis = self._facing(t)
@@ -285,8 +325,7 @@ class RectangleLight(_FlatLight):
         side = start + np.asarray(self.width_direction)
         _, across = moved_axis(self.motion, self.position_mm, (side[0], side[1], side[2]), t)
         across = across - (across @ axis) * axis
-        length = float(np.linalg.norm(across))
-        across = across / length if length > _PARALLEL else np.full(3, np.nan)
+        across = across / max(float(np.linalg.norm(across)), 1e-300)
         width, height = self.size_mm
         x, y = (side / (2 * self.reference_distance_mm) for side in (width, height))
         x_far, y_far = np.hypot(1, x), np.hypot(1, y)
@@ -351,9 +390,9 @@ class Lighting(FrozenModel):
     """Lighting of the objects.
 
     A surface has the radiance ``texture (ambient + sum of E falloff max(0, n l) over the lights that reach it)``, with
-    the texture as albedo; the factor 1/π is omitted, so irradiance 1 gives the value of the texture. All radiances are
-    then multiplied by the time-dependent brightness. Without ambient light and lights, the scene is unlit: radiance is
-    texture times brightness.
+    the texture as albedo, integrated over lamps with a size; the factor 1/π is omitted, so irradiance 1 gives the value
+    of the texture. All radiances are then multiplied by the time-dependent brightness. Without ambient light and
+    lights, the scene is unlit: radiance is texture times brightness.
     """
 
     ambient: NonNegative | None = None
