@@ -21,8 +21,8 @@ __all__ = ["AreaLamps", "SeenPoints", "largest_pixel_angle", "pack_lamp"]
 Surface = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]
 Seen = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]
 _INTERPOLATED = 6e-3  # largest error of interpolated shares of light at the nearest pixels
-_EVEN, _BROAD = 0.3, 0.6
-"""Range of shares around a pixel: below the first, a plane serves for its samples; above the second, each has its own."""
+_EVEN = 0.3
+"""Range of shares around a pixel, up to which a plane through them serves for its samples."""
 _STEEP = 0.12  # difference of shares of neighbours, from which every sample has its own
 _BEND = 1e-4  # relative error of the light that is interpolated between the corners of a face
 _APART = 6.0  # pixels between two surfaces, in depth
@@ -319,21 +319,23 @@ class AreaLamps:
         kind, near = kind[left], np.ones((len(left), 2))
         other = np.flatnonzero(kind == 1)
         if len(other):
-            # One value for all samples of a body in a pixel that face the same way: that in the middle of their order.
-            keys = place.pixels[left[other]] * len(self._world.bodies) + bodies[left[other]]
-            keys = keys * 125 + (np.rint(2 * place.normals[left[other]]).astype(np.int64) + 2) @ [25, 5, 1]
+            # One value for all samples of a body in a pixel that face the same way: that of the sample in their middle.
+            chosen = left[other]
+            keys = place.pixels[chosen] * len(self._world.bodies) + bodies[chosen]
+            keys = keys * 125 + (np.rint(2 * place.normals[chosen]).astype(np.int64) + 2) @ [25, 5, 1]
             _, owner, count = np.unique(keys, return_inverse=True, return_counts=True)
-            ranked = np.argsort(owner, kind="stable")
-            leaders = left[other[ranked[np.cumsum(count) - count + count // 2]]]
+            points = place.points_mm[chosen]
+            middle = np.column_stack([np.bincount(owner, column) for column in points.T]) / count[:, None]
+            aside = np.sum((points - middle[owner]) ** 2, axis=1)
+            leaders = chosen[np.lexsort((aside, owner))[np.cumsum(count) - count]]
             distance = np.linalg.norm(place.points_mm[leaders] - place.origin_mm, axis=1)
             image, apart = (view.body, view.distance_mm), _APART * view.pixel_angle
             near_pixels = (place.pixels[leaders], (bodies[leaders], distance), image, view.knowledge)
             found = extrapolate(*near_pixels, shares, apart)
             means, spread = found[:, :2], found[:, 2]
-            some = np.flatnonzero(~(spread <= _EVEN) & ~(spread > _BROAD))
+            some = np.flatnonzero(~(spread <= _EVEN))
             means[some] = exact(leaders[some])
             near[other] = means[owner]
-            kind[other[(spread > _BROAD)[owner]]] = 2
         single = np.flatnonzero(kind == 2)
         near[single] = exact(left[single])
         light[left] *= near
