@@ -26,10 +26,12 @@ BALL = {"kind": "sphere", "position_mm": [-200, 40, 100], "radius_mm": 30}
 STRENGTH = {"irradiance": 0.8, "reference_distance_mm": 500}
 
 
-def scene_of(*lamps: dict[str, Any], objects: list[dict[str, Any]], ambient: float = 0.0) -> st.Scene:
+def scene_of(
+    *lamps: dict[str, Any], objects: list[dict[str, Any]], ambient: float = 0.0, focal_px: float = 700.0
+) -> st.Scene:
     return st.load_scene(
         {
-            "camera": {"width": 96, "height": 72, "focal_length_px": 700},
+            "camera": {"width": 96, "height": 72, "focal_length_px": focal_px},
             "stage": {"positions": 2, "baseline_mm": 1.0},
             "frames": {"count": 1},
             "render": {"backend": "raycast"},
@@ -75,17 +77,18 @@ def segment(x: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def test_penumbra_on_a_plane() -> None:
-    lit, shaded = (image_of(scene_of(DISC, objects=items)) for items in ([ground()], [ground(), sheet(-12.0)]))
-    row = 36
+    edge = -8.0
+    lit, shaded = (
+        image_of(scene_of(DISC, objects=items, focal_px=2100.0)) for items in ([ground()], [ground(), sheet(edge)])
+    )
     # Points on the ground, and the place on the lamp at which they see the edge of the sheet.
-    x = (np.arange(96) - 47.5) / 700 * 500
-    edge = x + (-12.0 - x) * 520 / HEIGHT
-    # Parts of the lamp differ in light by 4e-3 from its mean, and cancel to first order.
-    expected = lit[row] * segment(edge / 40)
-    visible = (x * (500 - HEIGHT) / 500 > -11.6) & (x < 32)
-    assert np.abs(shaded[row] - expected)[visible].max() < 2e-3 * lit.max()
-    inner = (expected / lit[row] > 0.05) & (expected / lit[row] < 0.95) & visible
-    assert np.count_nonzero(inner) >= 8
+    x = (np.arange(96) - 47.5) / 2100 * 500
+    on_lamp = x + (edge - x) * 520 / HEIGHT
+    # Parts of the lamp differ in light by 6e-3, and these differences cancel to first order.
+    expected = lit[36] * segment(on_lamp / 40)
+    clear = x * (500 - HEIGHT) / 500 > edge + 0.5
+    assert np.abs(shaded[36] - expected)[clear].max() < 2e-3 * lit.max()
+    assert np.count_nonzero(clear & (expected > 0.05) & (expected < 0.95 * lit[36])) >= 8
 
 
 def exact_image(scene: st.Scene, monkeypatch: pytest.MonkeyPatch) -> Image:
@@ -101,8 +104,8 @@ def test_interpolation_agrees_with_light_at_every_sample(lamp: Any, monkeypatch:
     found, expected = image_of(scene), exact_image(scene, monkeypatch)
     differs = np.abs(found - expected)
     # At outlines, one share of the lamp serves for all samples of a surface in a pixel.
-    assert np.sqrt(np.mean(differs**2)) < 1e-3
-    assert np.percentile(differs, 99) < 4e-3
+    assert np.sqrt(np.mean(differs**2)) < 2e-3
+    assert np.percentile(differs, 95) < 2e-3
     assert expected.max() > 0.3
 
 
@@ -133,9 +136,9 @@ def test_sheets_shade_by_their_transmittance() -> None:
         for items in ([ground(), sheet(-12.0)], [ground()], [ground(), sheet(-12.0, **half)])
     )
     # In the penumbra to the right of the sheet.
-    expected = opaque[:, 40:] + 0.3 * (clear[:, 40:] - opaque[:, 40:])
-    assert both[:, 40:] == pytest.approx(expected, abs=2e-3)
-    assert (clear[:, 40:] - opaque[:, 40:]).max() > 0.1
+    expected = opaque[:, 30:] + 0.3 * (clear[:, 30:] - opaque[:, 30:])
+    assert both[:, 30:] == pytest.approx(expected, abs=2e-3)
+    assert (clear[:, 30:] - opaque[:, 30:]).max() > 0.1
 
 
 def test_lamps_with_and_without_a_size_add_up() -> None:

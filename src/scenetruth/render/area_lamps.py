@@ -20,7 +20,7 @@ __all__ = ["AreaLamps", "SeenPoints", "largest_pixel_angle", "pack_lamp"]
 
 Surface = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]
 Seen = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]
-_INTERPOLATED = 6e-3  # largest error of interpolated shares of light at the nearest pixels
+_INTERPOLATED = 2e-3  # largest error of interpolated shares of light at the nearest pixels
 _EVEN = 0.3
 """Range of shares around a pixel, up to which a plane through them serves for its samples."""
 _STEEP = 0.12  # difference of shares of neighbours, from which every sample has its own
