@@ -185,7 +185,7 @@ def test_light_from_behind_passes_a_sheet() -> None:
 @pytest.mark.parametrize("roughness", [0.1, 0.2, 0.6])
 def test_gloss_shows_the_lamp(name: str, roughness: float) -> None:
     lamp, material = LAMPS[name], Material(refractive_index=1.5, roughness=roughness)
-    # In the direction of the reflected centre, at its border, and beside it.
+    # In the direction of the reflected centre, at its border, and outside.
     for x in (-120.0, -60.0, -20.0, 60.0):
         point, normal = np.array([x, 30.0, 520.0]), np.array(UP)
         expected = summed(lamp, point, normal, material)

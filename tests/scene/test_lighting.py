@@ -245,6 +245,7 @@ def test_frames_of_moving_lamps(inner: float, radius: float, axis: tuple[float, 
     for t in (0.0, 3.0):
         lamp = lighting.lamps_at(t)[0]
         assert lamp.area is not None
+        assert lamp.position_mm is not None
         frame = np.stack([lamp.area.across, lamp.area.down, lamp.axis])
         assert frame @ frame.T == pytest.approx(np.eye(3), abs=1e-12)
         outline = np.linalg.norm(lamp.outline_mm() - lamp.position_mm, axis=1)

@@ -81,7 +81,7 @@ def lamp_shares(
     ``starts``: Origins of the lines to the lamp, shape (n, 3), and the distance by which each may move, shape (n,).
     ``lamp``, ``view``, ``surface``: As for `unshaded_light`.
     Returns: Shares of factor and gloss, and their weights (light without shadows), shape (n, 4); and the state,
-    `VISIBLE` or `CERTAIN` where nothing is in the way, else 0, uint8, shape (n,).
+    `VISIBLE` or `CERTAIN` where nothing shades the point, else 0, uint8, shape (n,).
     """
     shares, state = np.empty((len(view[1]), 4)), np.zeros(len(view[1]), dtype=np.uint8)
     in_bands(_lamp_shares, len(state), lamp, (tree, depths, *starts), view, surface, shares, state, least=_LEAST_POINTS)
@@ -453,7 +453,7 @@ def _line_borders(
     place: NDArray[np.float64], polar: bool, lines: int, edges: NDArray[np.float64], count: int,
     borders: NDArray[np.float64],
 ) -> Any:  # fmt: skip
-    """Fill in the borders of intervals of lines, ascending: even ones, and where edges enter or leave the lamp."""
+    """Fill in the borders of intervals of lines, ascending: at equal steps, and where edges enter or leave the lamp."""
     for number in range(lines + 1):
         borders[number] = number / lines
     used = lines + 1

@@ -36,7 +36,7 @@ class SeenPoints(NamedTuple):
     ``points_mm``, ``normals``: Points and unit normals on the visible side, shape (n, 3) each.
     ``faces``: Face of each point, shape (n,).
     ``starts_mm``: Origins of the shadow rays on the visible side, see `shading_kernels.smooth_points`, shape (n, 3).
-    ``weights``: Weights of the second and third corner, shape (n, 2); None if they are not known.
+    ``weights``: Weights of the second and third corner, shape (n, 2); None if they are not given.
     ``pixels``: Pixel of each point in the image that `AreaLamps.begin` prepared, shape (n,); None outside images.
     """
 
@@ -234,6 +234,7 @@ class AreaLamps:
         centres, nearest = corners[:, 0], np.linalg.norm(corners[:, 0] - origin_mm, axis=1)
         for lamp in lamps:
             assert lamp.area is not None
+            assert lamp.position_mm is not None
             reach = float(np.hypot(*lamp.area.sizes_mm)) if lamp.area.shape == "rectangle" else lamp.area.sizes_mm[1]
             nearest = np.minimum(nearest, np.linalg.norm(centres - lamp.position_mm, axis=1) - reach)
         with np.errstate(divide="ignore"):
@@ -319,10 +320,11 @@ class AreaLamps:
         kind, near = kind[left], np.ones((len(left), 2))
         other = np.flatnonzero(kind == 1)
         if len(other):
-            # One value for all samples of a body in a pixel that face the same way: that of the sample in their middle.
+            # One value for the samples of a body in a pixel with about the same normal: that in their middle.
             chosen = left[other]
             keys = place.pixels[chosen] * len(self._world.bodies) + bodies[chosen]
-            keys = keys * 125 + (np.rint(2 * place.normals[chosen]).astype(np.int64) + 2) @ [25, 5, 1]
+            facing = np.rint(2 * place.normals[chosen]).astype(np.int64) + 2
+            keys = keys * 125 + facing @ np.array([25, 5, 1])
             _, owner, count = np.unique(keys, return_inverse=True, return_counts=True)
             points = place.points_mm[chosen]
             middle = np.column_stack([np.bincount(owner, column) for column in points.T]) / count[:, None]
@@ -383,7 +385,7 @@ class AreaLamps:
                 wanted = predict_level(step, diagonal, label, known, values, error, _INTERPOLATED)
             pixels = np.flatnonzero(wanted)
             chosen = number_of[pixels]
-            # Up to the middle between known pixels.
+            # Up to the middle between pixels with values.
             near = 0.75 * step * size[chosen]
             found, state = self._exact_shares(view.caster, packed, place.some(chosen), surface, near)
             predicted = values.reshape(-1, 2)[pixels]

@@ -28,11 +28,11 @@ __all__ = [
 UNKNOWN, EXACT, SURE = 0, 1, 2
 """Knowledge of a pixel: none; a value; and that nothing shades the pixels around it."""
 STEEP, CLEAR = 2, 3
-"""Further knowledge of pixels in an image: shares hold for the centre only; nothing is in the way around it."""
+"""Further knowledge of pixels in an image: shares hold for the centre only; nothing shades the pixels around it."""
 COARSEST = 8
 """Spacing of the first pixels."""
 LEVELS = ((4, True), (4, False), (2, True), (2, False), (1, True), (1, False))
-"""Steps from a pixel to its nearest known pixels, diagonally (True) or along rows and columns, level by level."""
+"""Steps from a pixel to its nearest pixels with values, diagonally (True) or along rows and columns, level by level."""
 _FINE = 2  # step up to which the tolerance is constant; it decreases with the square of longer steps
 _FEWEST, _FLAT = 5, 0.03  # pixels around a point from which values are extrapolated, and their distance from a plane
 _SAME = 1e-3  # difference from no light and all light
@@ -131,7 +131,7 @@ def extrapolate(
     values: NDArray[np.float64],
     apart: float,
 ) -> NDArray[np.float64]:
-    """Return both values at points from planes through the known pixels around them, and the range, shape (n, 3).
+    """Return both values at points from planes through the pixels with values around them, and the range, shape (n, 3).
 
     ``pixels``: In row-major order, shape (n,).
     ``places``: Body of each point, and distance from the camera, shape (n,) each.
@@ -267,7 +267,7 @@ def light_samples(
     knowledge: NDArray[np.uint8],
     shares: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Light samples by lamps and ambient light where light at the corners of their faces and shares are known.
+    """Light samples by lamps and ambient light where light at the corners of their faces and shares are available.
 
     ``samples``: Pixel and face of each, shape (n,), and weights of the second and third corner, shape (n, 2).
     ``corner_light``: Light of each lamp and ambient light at the corners of faces, shape (lamps + 1, m, 3, 2).

@@ -18,8 +18,8 @@ or half the width and half the height, and radiance.
 """
 OPAQUE = 1e3
 """Optical depth of surfaces that transmit no light."""
-_NEAREST = 1e-7  # of the way to the lamp, below which nothing shades
-_CLEAR = 1e-9  # optical depth below which nothing is in the way, for rounding
+_NEAREST = 1e-7  # distance, as a fraction of that of the lamp, below which nothing shades
+_CLEAR = 1e-9  # optical depth below which nothing shades, for rounding
 
 
 @kernel(error_model="numpy")
@@ -38,7 +38,7 @@ def outline_edges(
     ``work``: Buffers: corners of projected triangles, shape (n, 5, 2); number of corners, side (1 or -1) and face of
       each, shape (n, 3); and the place of each face among them, -1 for none, shape (m,).
     ``edges``: Buffer: both ends, with the surface on the left, and optical depth, shape (5 n, 5).
-    Returns: Number of edges; and whether no surface may get in the way if the point moves, in any direction, without
+    Returns: Number of edges; and whether no surface may shade the point if it moves, in any direction, without
     those of its own body closer than 4 times the distance.
     """
     outlines, kinds, slots = work

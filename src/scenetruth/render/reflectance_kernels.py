@@ -115,7 +115,7 @@ def albedo_tables(index: float, along: float, wide: float) -> Any:
 def _table_place(table: NDArray[np.float64], direction: tuple[Any, ...]) -> Any:
     """Return the place of a direction in the frame of the surface, on either side, in a table of directional albedo.
 
-    Cosine and azimuth, as nodes and the ways to the next; -1 for the azimuth if all are equal.
+    Cosine and azimuth, as nodes and fractions of the step to the next; -1 for the azimuth if all are equal.
     """
     x, y, z = direction
     place = np.sqrt(min(abs(z), 1.0)) * (COSINES - 1)
