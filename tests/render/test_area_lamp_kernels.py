@@ -19,6 +19,7 @@ from scenetruth.render.reflectance_kernels import reflect_light
 from scenetruth.render.reflection import pack_materials
 from scenetruth.scene.lighting import DiscLight, Lamp, RectangleLight, RingLight, SphereLight
 from scenetruth.scene.material import MATT, Material
+from tests.helpers.nightly import by_night
 
 Floats = NDArray[np.float64]
 FLAT = {"position_mm": (0.0, 0.0, 0.0), "direction": (0.0, 0.0, 1.0), "irradiance": 1.0, "reference_distance_mm": 500.0}
@@ -182,7 +183,7 @@ def test_light_from_behind_passes_a_sheet() -> None:
 
 
 @pytest.mark.parametrize("name", LAMPS)
-@pytest.mark.parametrize("roughness", [0.1, 0.2, 0.6])
+@pytest.mark.parametrize("roughness", [0.1, *by_night(0.2, 0.4), 0.6])
 def test_gloss_shows_the_lamp(name: str, roughness: float) -> None:
     lamp, material = LAMPS[name], Material(refractive_index=1.5, roughness=roughness)
     # In the direction of the reflected centre, at its border, and outside.

@@ -14,7 +14,7 @@ from scenetruth.camera import Viewpoint
 from scenetruth.render import choose_renderer
 from scenetruth.render.area_lamps import AreaLamps
 from scenetruth.scene.built_scene import build_scene
-from tests.helpers.nightly import nightly
+from tests.helpers.nightly import by_night, nightly
 
 Image = NDArray[np.float32]
 HEIGHT = 60.0
@@ -98,7 +98,7 @@ def exact_image(scene: st.Scene, monkeypatch: pytest.MonkeyPatch) -> Image:
         return image_of(scene)
 
 
-@pytest.mark.parametrize("lamp", [DISC, pytest.param(RING, marks=nightly), pytest.param(PANEL, marks=nightly), BALL])
+@pytest.mark.parametrize("lamp", [BALL, *by_night(DISC, RING, PANEL)])
 def test_interpolation_agrees_with_light_at_every_sample(lamp: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = scene_of(lamp, objects=[ground(), BOWL], ambient=0.2)
     found, expected = image_of(scene), exact_image(scene, monkeypatch)
@@ -141,6 +141,7 @@ def test_sheets_shade_by_their_transmittance() -> None:
     assert (clear[:, 30:] - opaque[:, 30:]).max() > 0.1
 
 
+@nightly
 def test_lamps_with_and_without_a_size_add_up() -> None:
     objects = [ground(), BOWL]
     sun = {"kind": "directional", "direction": [0.2, 0.1, 1], "irradiance": 0.3}
