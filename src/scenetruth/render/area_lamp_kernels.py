@@ -26,7 +26,7 @@ _NARROWEST = 1e-9  # interval between lines
 _LEVELS = 7  # most halvings of an interval between lines
 _TOLERANCE = 1e-3  # share of the lamp by which the mean of two lines may differ from the line between
 _QUADRATURE = 9.2  # -ln of the error of sums around a lamp, 1e-4
-_FEWEST, _FEWEST_SHADED, _MOST = 5, 6, 64  # lines
+_FEWEST, _FEWEST_SHADED, _MOST = 5, 4, 64  # lines
 _MOST_PARTS = 8  # of a line
 _LITTLE, _COARSE = 0.4, -1.0  # parts of a line, below which two points serve, and for which one does
 _PAIR = 0.5 / np.sqrt(3.0)  # Gauss points at this distance from the middle
@@ -312,7 +312,7 @@ def _unshaded_at(
         light = _closed_form(place, polar, point, normal)
         return (light * values[9] if side > 0 else -light * values[4]), 0.0
     if side == 0:
-        lines = max(lines, 4 * _FEWEST_SHADED)
+        lines = max(lines, 6 * _FEWEST_SHADED)
     factor, gloss = 0.0, 0.0
     if polar:
         for number in range(lines):
