@@ -37,7 +37,11 @@ def message_of(override: str) -> str:
             "objects.0.texture.size_mm=[1, 2]",
             "did you mean 'objects.0.mesh.size_mm' of `kind` box, plane, relief or saddle?",
         ),
-        ("size_mm=3", "did you mean 'objects.N.mesh.size_mm' of `kind` box, plane, relief or saddle?"),
+        (
+            "size_mm=3",
+            "did you mean 'lighting.lights.N.size_mm' of `kind` rectangle or 'objects.N.mesh.size_mm' of `kind` box, "
+            "plane, relief or saddle?",
+        ),
         (
             "objects.0.mesh.cap_deg=3",
             "it belongs to `kind` sphere; valid keys: kind, size_mm",

@@ -29,6 +29,9 @@ __all__ = ["SmoothLight", "compare_without_smooth_light"]
 _OF_WINDOW = 1 / 3
 # Ratio of residual to noise up to which one surface explains the images without their smooth part.
 _EXPLAINED = 1.3
+# Change of the scale of a surface between the reference and the farthest image, per px, up to which the means in both
+# images cover the same part of the texture. Beyond, they differ by more than noise.
+_LONGEST_STRETCH = 0.05
 # Number of standard deviations from which the change of a single window is significant.
 _SIGNIFICANT = 2.5
 _CORRELATED = 0.2  # variance of a mean over windows, as for spans of frames of windows of the same size
@@ -44,7 +47,7 @@ class SmoothLight:
     found: Quantities
     """Values and variances; NaN where they are not comparable."""
     explained: Mask
-    """Whether one surface explains these images."""
+    """Whether one surface, seen at similar scales, explains these images."""
     whole: Mask
     """Pixels whose windows contain a single surface."""
     sigma: float
@@ -106,6 +109,8 @@ def compare_without_smooth_light(refined: RefinedState, settings: RefinedSetting
     noise = images.residual_noise(residual)
     with np.errstate(invalid="ignore"):
         explained = np.asarray(residual <= (_EXPLAINED * noise) ** 2)
+        stretch = images.farthest * np.hypot(*fit.theta[1:3, ::step, ::step])
+        explained &= stretch <= _LONGEST_STRETCH
     of_nodes = settings.window_sigma_px / step
     return SmoothLight(Quantities(values, variances, full.fields), explained, whole, of_nodes, step)
 
