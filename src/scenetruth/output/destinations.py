@@ -45,7 +45,7 @@ def check_writable(target: str | Path) -> None:
     _refuse_name(shown, place)
     folder = _refuse_parent(shown, place)
     try:
-        # Permissions do not tell: virtual file systems reject all directories.
+        # Virtual file systems reject directories whatever the permissions are.
         with tempfile.TemporaryDirectory(prefix=".scenetruth-", dir=folder):
             pass
     except OSError as error:
