@@ -59,6 +59,12 @@ def optimise(
     print_wrote(output / name for name in names)
 
 
+_INCLUDED = (
+    "predicted: image noise as in `scenetruth design predict`, and stage errors and motion during a scan in quadrature",
+    "simulated: all errors against the ground truth, also bias by curvature and edges, and misaligned images",
+)
+
+
 def _print_lines(*lines: str) -> None:
     from scenetruth.errors import visible
 
@@ -93,6 +99,7 @@ def _print_front(found: DesignResult) -> None:
             )
         table.add_row(*(visible(cell, lines=False) for cell in cells))
     make_console().print(table)
+    _print_lines(*_INCLUDED)
 
 
 def pattern(

@@ -136,6 +136,7 @@ def test_scene_files_run(sample: DesignResult, tmp_path: Path) -> None:
     assert re.search(
         r"A run of full images .* takes about [0-9]+ min of processor time, [0-9.]+ GB of memory", said_in(text)
     )
+    assert "Predictions include image noise, stage errors and motion during a scan." in said_in(text)
     # Short lists stand on one line.
     assert "size_mm: [40, 30]" in file.text
 
