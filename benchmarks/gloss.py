@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib.util
 import time
+from typing import Any
 
 import numpy as np
 from benchmarks.jobs import heading, line
@@ -35,6 +36,10 @@ SINGLE = ((1.5, 0.3, 0.3), (1.32, 0.27, 0.56), (1.5, 0.1, 0.1))
 """Refractive index and roughness along and across of single reflections."""
 PAIRS = 200
 SCENE = "rosette"
+RING = (
+    "lighting.lights=[{kind: ring, position_mm: [0, 0, 0], direction: [0, 0, 1], inner_radius_mm: 30, radius_mm: 60, "
+    "irradiance: 0.75, reference_distance_mm: 600}]"
+)
 GLOSSY = ("plants.0.material.preset=wheat_leaf", "plants.0.material.transmittance=0.4")
 
 
@@ -86,6 +91,71 @@ def by_mitsuba(index: float, along: float, across: float, to_camera: Floats, to_
     return np.pi * np.array(values)
 
 
+LAMPS: dict[str, dict[str, Any]] = {
+    "disc": {"kind": "disc", "radius_mm": 40},
+    "ring": {"kind": "ring", "inner_radius_mm": 30, "radius_mm": 60},
+}
+"""Lamps behind the camera, whose light on a plane with a sheet in front of it is compared with Mitsuba."""
+FACING = {"position_mm": [0, 0, -20], "direction": [0, 0, 1], "irradiance": 0.8, "reference_distance_mm": 500}
+WIDTH, HEIGHT, FOCAL, SHEET, SAMPLES = 24, 8, 500.0, 440.0, 1 << 14
+
+
+def penumbra(lamp: dict[str, Any]) -> tuple[Floats, Floats]:
+    """Return images of a penumbra on a plane, and of Mitsuba, shape (HEIGHT, n)."""
+    import mitsuba as mi
+
+    black, white = {"kind": "uniform", "radiance": 0.0}, {"kind": "uniform", "radiance": 1.0}
+    scene = st.load_scene(
+        {
+            "camera": {"width": WIDTH, "height": HEIGHT, "focal_length_px": FOCAL},
+            "stage": {"positions": 2, "baseline_mm": 1.0},
+            "frames": {"count": 1},
+            "render": {"backend": "raycast"},
+            "objects": [
+                {"name": "ground", "mesh": {"kind": "plane", "size_mm": [300, 300]}, "texture": white}
+                | {"pose": {"position_mm": [0, 0, 500]}},
+                {"name": "sheet", "mesh": {"kind": "plane", "size_mm": [400, 600]}, "texture": black}
+                | {"pose": {"position_mm": [-205, 0, SHEET]}},
+            ],
+            "lighting": {"lights": [{**FACING, **lamp}]},
+        }
+    )
+    with choose_renderer(scene, build_scene(scene)).renderer as renderer:
+        found = renderer.render(0.0, Viewpoint.on_axis(0.0)).astype(np.float64)
+    light = scene.lighting.lamps_at(0.0)[0]
+    assert light.area is not None
+    inner, outer = light.area.sizes_mm
+    mi.set_variant("scalar_rgb")
+    turn = mi.ScalarTransform4f
+    matt = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}}
+    dark = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
+    emitter = {"type": "area", "radiance": {"type": "rgb", "value": light.area.radiance}}
+    plain: dict[str, Any] = {
+        "type": "scene",
+        "integrator": {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0},
+        "sensor": {
+            "type": "perspective",
+            "fov": float(np.rad2deg(2 * np.arctan(WIDTH / 2 / FOCAL))),
+            "to_world": turn().look_at(origin=[0, 0, 0], target=[0, 0, 1], up=[0, -1, 0]),
+            "film": {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT, "rfilter": {"type": "box"}},
+            "sampler": {"type": "independent", "sample_count": SAMPLES},
+        },
+        "lamp": {"type": "disk", "to_world": turn().translate([0, 0, -20]).scale(outer), "emitter": emitter},
+        "ground": {"type": "disk", "bsdf": matt}
+        | {"to_world": turn().translate([0, 0, 500]).rotate([1, 0, 0], 180).scale(300)},
+        "sheet": {"type": "rectangle", "bsdf": {"type": "twosided", "bsdf": dark}}
+        | {"to_world": turn().translate([-205, 0, SHEET]).scale([200, 300, 1])},
+    }
+    if inner > 0:
+        place = turn().translate([0, 0, -19.5]).scale(inner)
+        plain["opening"] = {"type": "disk", "bsdf": {"type": "twosided", "bsdf": dark}, "to_world": place}
+    expected = np.pi * np.array(mi.render(mi.load_dict(plain)))[..., 0]
+    # Without the pixels that the outline of the sheet crosses, and those of the sheet.
+    clear = found.min(axis=0) > 0
+    clear[np.flatnonzero(clear)[0]] = False
+    return found[:, clear], expected[:, clear].astype(np.float64)
+
+
 def render_ms(overrides: tuple[str, ...]) -> float:
     """Return the processor time of an image in ms, the least of three."""
     scene = st.load_scene(SCENE, overrides=overrides)
@@ -123,8 +193,15 @@ def main() -> None:
             _, gloss = reflect(material, camera, towards, once=True)
             worst = float(np.abs(gloss / by_mitsuba(index, along, across, camera, towards) - 1).max())
             print(line((f"{index:g}", f"{along:g}", f"{across:g}", f"{worst:.1e}", str(PAIRS))))
-    matt, glossy = render_ms(()), render_ms(GLOSSY)
+        print()
+        print(heading(("lamp", "rms difference of a penumbra from Mitsuba, of full scale", "samples per column")))
+        for name, lamp in LAMPS.items():
+            found, expected = penumbra(lamp)
+            rms = float(np.sqrt(np.mean((found - expected).mean(axis=0) ** 2))) / found.max()
+            print(line((name, f"{rms:.1e}", str(SAMPLES * HEIGHT))))
+    matt, glossy, ring = render_ms(()), render_ms(GLOSSY), render_ms((*GLOSSY, RING))
     print(f"\n{SCENE}, image of one camera: matt {matt:.0f} ms, gloss and transmission {glossy:.0f} ms")
+    print(f"with a ring lamp in place of parallel light {ring:.0f} ms")
 
 
 if __name__ == "__main__":

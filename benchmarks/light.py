@@ -31,7 +31,7 @@ METHODS = (
     MethodSpec("opencv_scene_flow", label="sgbm + farneback"),
     MethodSpec("opencv_scene_flow", {"stereo": "bm", "flow": "dis"}, label="bm + dis"),
 )
-CASES = ("gloss", "translucency")
+CASES = ("gloss", "translucency", "penumbra")
 QUANTITIES = ("disparity", "velocity_x", "velocity_z")
 STATISTICS = ("bias", "rmse", "rms_z", "beyond_6_std", "density")
 SCENE = {"frames.count": 5, "camera.width": 400, "camera.height": 300, "plants.0.texture.channel": "green"}

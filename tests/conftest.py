@@ -7,8 +7,12 @@ import gc
 import logging
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -48,6 +52,20 @@ def messages() -> Iterator[list[str]]:
     yield found
     logger.setLevel(before)
     logger.removeHandler(collector)
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Let each of the processes that run all tests import some of their files before it imports the rest.
+
+    For its assertions a file is compiled anew where nobody has done so: each by one process, and not all by all.
+    """
+    config, number = session.config, os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
+    count = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    if count > 1 and not sys.dont_write_bytecode and config.args == config.getini("testpaths"):
+        for file in sorted(Path(__file__).parent.rglob("test_*.py"))[int(number) :: count]:
+            # What cannot be imported is reported, or skipped, by the collection.
+            with suppress(Exception, pytest.skip.Exception):
+                import_module(".".join(file.relative_to(config.rootpath).with_suffix("").parts))
 
 
 def pytest_collection_finish() -> None:

@@ -323,8 +323,9 @@ class _Work:
         runs = self._list_images(at_once)
         total = sum(map(len, runs))
         work: list[Callable[[], list[Any]]] = []
+        renderers: list[Renderer] = []
         if self._another is not None:
-            renderers = [self._renderer, *(self._another() for _ in range(at_once - 1))]
+            renderers += [self._renderer, *(self._another() for _ in range(at_once - 1))]
             work += [partial(self._render, run, renderers) for run in runs]
         if at_once > 1:
             work += truth.tasks
@@ -336,9 +337,10 @@ class _Work:
                 self._expose(image, put_image)
             if progress is not None:
                 progress("render", total, total)
+            # The truth needs other arrays, for which the memory of the images has gaps.
+            renderers.clear()
+            release_memory()
             # Maps of large images are stored before the next are computed, to limit memory.
-            if at_once == 1:
-                release_memory()
             truth.put(results if at_once > 1 else (task() for task in truth.tasks), put_map, progress)
         self.warnings += [*_saturation_warnings(scene, self._brightest), *truth.warnings]
 

@@ -16,6 +16,7 @@ from scenetruth.errors import CaptureError, EstimateError, OutputExistsError
 from tests.helpers.board_captures import changed_capture, constant_depth
 from tests.helpers.gradient_method import Gradients
 from tests.helpers.nightly import by_night
+from tests.helpers.undrawn_figures import leave_undrawn
 
 PRODUCTS = {
     "calibration.npz", "calibration.yaml", "calibration_points.npz", "capture.html", "capture_figures",
@@ -23,7 +24,7 @@ PRODUCTS = {
 }  # fmt: skip
 METHOD = constant_depth
 """Takes no time."""
-# Figures are drawn once, for the run that all tests share.
+# Figures of captures are drawn in `tests.capture.report`.
 pytestmark = pytest.mark.usefixtures("undrawn_figures")
 
 
@@ -33,7 +34,9 @@ class StoppedError(Exception):
 
 @pytest.fixture(scope="module")
 def run(board_capture: Path, tmp_path_factory: pytest.TempPathFactory) -> CaptureRun:
-    return run_capture(board_capture, tmp_path_factory.mktemp("run") / "out", method=METHOD)
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        leave_undrawn(monkeypatch)
+        return run_capture(board_capture, tmp_path_factory.mktemp("run") / "out", method=METHOD)
 
 
 def entries(folder: Path) -> set[str]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -279,3 +281,55 @@ def test_points_far_along_are_those_of_the_sequence() -> None:
     for n in (1, 4095, 4096, 8191):
         expected = ((int(engine[n, 1] * 2**32) ^ shift) + 0.5) / 2**32
         assert uniforms.of("b", fields["b"], n, 0)[0] == pytest.approx(expected, abs=2**-50)
+
+
+class ThreadCrew:
+    """Executor of two threads whose first task is lost."""
+
+    lost: tuple[type[BaseException], ...] = (BrokenExecutor,)
+    count = 2
+
+    def __init__(self) -> None:
+        self._pool, self.draws = ThreadPoolExecutor(2), list[int]()
+
+    def submit(self, work: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        self.draws.append(arguments[1])
+        if len(self.draws) == 1:
+            lost: Future[Any] = Future()
+            lost.set_exception(BrokenExecutor())
+            return lost
+        return self._pool.submit(work, *arguments)
+
+    def renew(self) -> None:
+        pass
+
+    def refuse_unfit(self) -> None:
+        pass
+
+    def close(self) -> None:
+        self._pool.shutdown()
+
+
+def test_first_draws_by_a_crew_are_known_afterwards(sampler_with: Make) -> None:
+    accept = [{"kind": "depth", "object": "tile", "max": 100}]
+    sampler, plain = (sampler_with(samples=8, acceptance=accept) for _ in range(2))
+    with closing(ThreadCrew()) as crew:
+        refuse_recipe(sampler, crew, tried=6)
+    assert crew.draws == list(range(6)) == list(sampler.known)
+    expected = [plain.draw(number) for number in range(8)]
+    assert any(found.rejected for found in expected[:6])
+    # No further acceptance test of these draws.
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Sampler, "refusal", lambda *_: pytest.fail("tested again"))
+        assert [sampler.draw(number) for number in range(6)] == expected[:6]
+    assert sampler.draw(7) == expected[7]
+
+
+def test_first_draws_by_a_crew_state_the_same_problems(sampler_with: Make) -> None:
+    impossible = {"samples": 4, "max_draws": 3, "acceptance": [{"kind": "depth", "object": "tile", "max": 1}]}
+    with pytest.raises(RecipeError) as alone:
+        refuse_recipe(sampler_with(**impossible))
+    with closing(ThreadCrew()) as crew, pytest.raises(RecipeError) as together:
+        refuse_recipe(sampler_with(**impossible), crew)
+    assert together.value.problems == alone.value.problems
+    assert len(crew.draws) < 4

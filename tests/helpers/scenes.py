@@ -7,12 +7,15 @@ from typing import Any
 
 from scenetruth.scene import Scene, load_scene
 from scenetruth.scene.leaf import LeafTexture
+from tests.helpers.nightly import NIGHTLY
 
 SCENES = Path(__file__).parents[2] / "scenes"
 LIBRARY = sorted(SCENES.glob("*.yaml"))
 """All scenes of the library."""
 SMALL_CUBE = {"camera": {"width": 96, "height": 72, "focal_length_px": 750}, "estimate": {"working_point_px": 6}}
 """Changes of `cube` for runs through all stages."""
+FIGURES = None if NIGHTLY else ("image", "depth")
+"""Figures of the run that tests share: all of them by night."""
 
 
 def small(file: Path, parts: int = 4, **changes: Any) -> Scene:

@@ -9,12 +9,17 @@ import pytest
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-__all__ = ["undrawn_figures"]
+__all__ = ["leave_undrawn", "undrawn_figures"]
 
 
 @pytest.fixture
 def undrawn_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures are composed with all their parts, but a blank picture stands for them: drawing takes most of a run."""
+    leave_undrawn(monkeypatch)
+
+
+def leave_undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let blank pictures stand for figures until ``monkeypatch`` is undone, as in a fixture that tests share."""
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 

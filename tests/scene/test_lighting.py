@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 import scenetruth as st
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.lighting import Lighting
-from scenetruth.scene.scene_report import check_scene, find_lighting_problems
+from scenetruth.scene.scene_report import check_scene, describe_scene, find_lighting_problems
 from tests.helpers.scenes import SCENES, cube
 
 CENTRE = (0.0, 0.0, 692.56)
@@ -42,7 +42,7 @@ def lit(*lights: dict[str, Any], **lighting: Any) -> st.Scene:
         ("lights.0.target_mm=[0, -80, 400]", r"lights\.0: target_mm must differ from position_mm"),
         ("lights.0.outer_angle_deg=181", r"lights\.0\.outer_angle_deg: .*less than or equal to 180"),
         ("lights.0.colour=red", r"lights\.0\.colour: unknown key"),
-        ("lights.0.kind=laser", r"lights\.0: .*'laser'.*'directional', 'point', 'spot'"),
+        ("lights.0.kind=laser", r"lights\.0: .*'laser'.*'directional', 'disc', 'point'"),
         (
             "lights.0={kind: directional, direction: [0, 0, 0], irradiance: 1}",
             r"direction: must not be the zero vector",
@@ -155,3 +155,99 @@ def test_meshes_whose_triangles_face_anywhere_have_an_inside_and_open_ones_none(
             scene = cube(objects=[{**item, "mesh": mesh}], frames={"count": 1}, lighting={"lights": [light]})
             found[name, x] = bool(find_lighting_problems(scene, build_scene(scene)))
     assert [key for key, value in found.items() if value] == [("ball", 0.0), ("ball", 18.0)]
+
+
+DISC = {
+    "kind": "disc",
+    "position_mm": [0, -80, 100],
+    "target_mm": [0, 0, 660],
+    "radius_mm": 40,
+    **{
+        "irradiance": 1,
+        "reference_distance_mm": 500,
+    },
+}
+RING = {**DISC, "kind": "ring", "position_mm": [0, 0, 0], "inner_radius_mm": 30, "radius_mm": 60}
+PANEL = {key: value for key, value in DISC.items() if key != "radius_mm"} | {"kind": "rectangle", "size_mm": [80, 20]}
+BALL = {key: value for key, value in DISC.items() if key != "target_mm"} | {"kind": "sphere"}
+
+
+def test_lamps_with_a_size_report_all_problems_at_once() -> None:
+    wrong = [
+        {**DISC, "radius_mm": 0},
+        {**RING, "inner_radius_mm": 60},
+        {**PANEL, "size_mm": [80, -1]},
+        {**PANEL, "width_direction": [0, 8, 56]},
+        {**BALL, "reference_distance_mm": 40},
+        {**DISC, "direction": [0, 0, 1]},
+    ]
+    with pytest.raises(st.SceneError) as error:
+        lit(*wrong)
+    assert [problem.path for problem in error.value.problems] == [
+        "lighting.lights.0.radius_mm",
+        "lighting.lights.1.radius_mm",
+        "lighting.lights.2.size_mm.1",
+        "lighting.lights.3",
+        "lighting.lights.4.reference_distance_mm",
+        "lighting.lights.5",
+    ]
+    messages = "\n".join(str(problem) for problem in error.value.problems)
+    assert "must be greater than inner_radius_mm, 60" in messages
+    assert "width_direction must not be parallel to the axis of the lamp" in messages
+
+
+@pytest.mark.parametrize(
+    ("lamp", "message"),
+    [
+        # The centre is outside the cube, a part of the lamp inside.
+        (
+            {**DISC, "position_mm": [80, 0, 692], "direction": [0, 0, -1], "target_mm": None, "radius_mm": 70},
+            "in part, inside 'cube'",
+        ),
+        ({**BALL, "position_mm": [0, 0, -30]}, "the camera is on or inside the lamp"),
+        ({**DISC, "position_mm": [0, 0, 0]}, "the camera is on or inside the lamp"),
+        ({**PANEL, "position_mm": [0, 0, 0]}, "the camera is on or inside the lamp"),
+    ],
+)
+def test_lamps_with_a_size_in_objects_and_at_the_camera(lamp: dict[str, Any], message: str) -> None:
+    scene = lit({key: value for key, value in lamp.items() if value is not None})
+    problems = find_lighting_problems(scene, build_scene(scene))
+    assert [problem.path for problem in problems] == ["lighting.lights.0.position_mm"]
+    assert message in problems[0].message
+
+
+def test_a_ring_around_the_camera_is_accepted() -> None:
+    scene = lit(RING)
+    assert not find_lighting_problems(scene, build_scene(scene))
+
+
+def test_lamps_in_view_and_lamps_that_face_away_are_warned_of() -> None:
+    scene = lit({**DISC, "position_mm": [0, 0, 300]}, {**RING, "target_mm": [0, 0, -9]}, RING)
+    depth = np.full((scene.camera.height, scene.camera.width), 660.0)
+    report = describe_scene(scene, build_scene(scene), depth)
+    warnings = [text for text in report.warnings if text.startswith("lighting")]
+    assert warnings == [
+        "lighting.lights.0: the lamp is in the field of view; images do not show lamps",
+        "lighting.lights.1: the lamp faces away from all objects; turn it by direction or target_mm",
+    ]
+
+
+@given(
+    some.floats(0, 30),
+    some.floats(40, 90),
+    some.tuples(*(some.floats(-1, 1) for _ in range(3))).filter(lambda axis: np.linalg.norm(axis) > 0.1),
+)
+def test_frames_of_moving_lamps(inner: float, radius: float, axis: tuple[float, float, float]) -> None:
+    turn = {"kind": "rotation", "axis": [1, 2, 0], "rate_deg_per_frame": 10.0}
+    given_lamp = {**RING, "direction": list(axis), "inner_radius_mm": inner, "radius_mm": radius, "motion": [turn]}
+    del given_lamp["target_mm"]
+    lighting = Lighting.model_validate({"lights": [given_lamp]})
+    for t in (0.0, 3.0):
+        lamp = lighting.lamps_at(t)[0]
+        assert lamp.area is not None
+        assert lamp.position_mm is not None
+        frame = np.stack([lamp.area.across, lamp.area.down, lamp.axis])
+        assert frame @ frame.T == pytest.approx(np.eye(3), abs=1e-12)
+        outline = np.linalg.norm(lamp.outline_mm() - lamp.position_mm, axis=1)
+        assert outline.max() == pytest.approx(radius)
+        assert outline.min() == pytest.approx(inner, abs=1e-9)

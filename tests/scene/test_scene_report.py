@@ -91,7 +91,7 @@ def test_extensions_of_mesh_files_that_are_not_read_are_warned_of(tmp_path: Path
 
 
 def test_surfaces_that_send_out_more_light_than_they_receive_are_refused() -> None:
-    lit = ["lighting.ambient=1", "plants.0.material.transmittance=1.5"]
+    lit = ["lighting.ambient=1", "plants.0.material.transmittance=1.5", "plants.0.leaves=3"]
     with pytest.raises(st.SceneError, match=r"plants\.0\.material\.transmittance: the texture reaches") as caught:
         st.simulate("rosette", overrides=[*lit, "frames.count=1"])
     # One problem for all leaves of the plant, with the value that is possible.

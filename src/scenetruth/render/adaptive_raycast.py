@@ -617,5 +617,5 @@ class AdaptiveRenderer(RaycastRenderer):
         self._look_up(body, np.flatnonzero(hits.face >= 0), uv, radiance)
         if self._shader is not None:
             rays = (view.rays.origin, directions)
-            return self._shader.on_hits(radiance, view.caster, view.t, *rays, hits, view.face_light)
+            return self._shader.on_hits(radiance, view.caster, view.t, *rays, hits, view.face_light, pixels)
         return radiance

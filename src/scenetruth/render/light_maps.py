@@ -80,7 +80,7 @@ class LightMaps:
             parts["ambient"] = albedo
         else:
             parts["ambient"] = _radiance(albedo, self._without_lamps, rays)
-            if self._all.matt:
+            if self._all.simple:
                 arriving = self._by_lamps(rays, None)[0]
                 parts["diffuse"] = albedo * arriving
             else:
@@ -89,7 +89,7 @@ class LightMaps:
                 parts["diffuse"] = albedo * (self._by_lamps(rays, "diffuse")[0] - factors)
                 parts["transmitted"] = albedo * (self._by_lamps(rays, "sheet")[0] - factors)
                 arriving = self._by_lamps(rays, "white")[0]
-            unhidden = self._by_lamps(rays, None if self._all.matt else "white", self._without_shadows)[0]
+            unhidden = self._by_lamps(rays, None if self._all.simple else "white", self._without_shadows)[0]
             with np.errstate(divide="ignore", invalid="ignore"):
                 lit = np.where(unhidden > 0, arriving / unhidden, np.nan)
         parts = {name: np.maximum(values, 0.0) for name, values in parts.items()}
@@ -104,7 +104,7 @@ class LightMaps:
     def _by_lamps(self, rays: Rays, optics: str | None, shader: Shader | None = None) -> tuple[Map, Map]:
         """Return factors of the texture and gloss, see `shading.Arrived`, by the lamps alone, with `optics`."""
         chosen = None if optics is None else self._of.optics[optics]
-        found, ambient = ((item.arrived(*rays, chosen)) for item in (shader or self._all, self._without_lamps))
+        found, ambient = ((item.arrived(*rays, optics=chosen)) for item in (shader or self._all, self._without_lamps))
         factors = found.factors - ambient.factors
         if found.gloss is None or ambient.gloss is None:
             return factors, np.zeros_like(factors)

@@ -235,7 +235,8 @@ class RaycastRenderer(Renderer):
             here = np.flatnonzero(arrived)
             hits = Hits(face[here].ravel(), depth[here].ravel(), barycentric[here].reshape(-1, 2))
             directions = view.directions(pixels[here], offsets)
-            light = self._shader.arrived(view.caster, view.t, view.rays.origin, directions, hits)
+            owner = np.repeat(pixels[here], len(weights))
+            light = self._shader.arrived(view.caster, view.t, view.rays.origin, directions, hits, owner)
             radiance[here] = light.on(radiance[here].ravel()).reshape(len(here), len(weights))
         return arrived, np.einsum("ps,s->p", radiance, weights)
 
@@ -243,12 +244,12 @@ class RaycastRenderer(Renderer):
         self, view: RayView, pixels: NDArray[np.int64], offsets: NDArray[np.float64], weights: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return the means over footprints by tracing every sample."""
-        radiance = self._traced(view, view.directions(pixels, offsets))
+        radiance = self._traced(view, view.directions(pixels, offsets), np.repeat(pixels, len(weights)))
         means: NDArray[np.float64] = np.einsum("ps,s->p", radiance.reshape(-1, len(weights)), weights)
         return means
 
-    def _traced(self, view: RayView, directions: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return the radiance along directions by tracing."""
+    def _traced(self, view: RayView, directions: NDArray[np.float64], pixels: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Return the radiance along directions in pixels by tracing."""
         hits = view.caster.cast(view.rays.origin, directions)
         body = np.where(hits.face >= 0, self._world.face_body[hits.face], -1)
         uv = hits.interpolate_corners(view.mesh.uv)
@@ -259,7 +260,7 @@ class RaycastRenderer(Renderer):
                 radiance[chosen] = item.texture.radiance(uv[chosen])
         if self._shader is not None:
             rays = (view.rays.origin, directions)
-            return self._shader.on_hits(radiance, view.caster, view.t, *rays, hits, view.face_light)
+            return self._shader.on_hits(radiance, view.caster, view.t, *rays, hits, view.face_light, pixels)
         return radiance
 
     def _caster_at(self, t: float) -> RayCaster:

@@ -10,7 +10,19 @@ from numpy.typing import NDArray
 from scenetruth.kernels import kernel
 from scenetruth.threads import in_bands
 
-__all__ = ["AZIMUTHS", "COSINES", "albedo_tables", "fresnel", "reflect_ambient", "reflect_light"]
+__all__ = [
+    "AZIMUTHS",
+    "COSINES",
+    "albedo_tables",
+    "entering",
+    "frame_of",
+    "fresnel",
+    "in_frame",
+    "reflect_ambient",
+    "reflect_light",
+    "reflect_ray",
+    "towards",
+]
 
 COSINES, AZIMUTHS = 64, 17
 """Nodes of the tables of directional albedo: in the root of the cosine from 0 to 1; in azimuth from 0 to 90°."""
@@ -100,20 +112,43 @@ def albedo_tables(index: float, along: float, wide: float) -> Any:
 
 
 @kernel(error_model="numpy")
-def _interpolate(table: NDArray[np.float64], direction: tuple[Any, ...]) -> Any:
-    """Return the value of a table of directional albedo for a direction in the frame of the surface, on either side."""
+def _table_place(table: NDArray[np.float64], direction: tuple[Any, ...]) -> Any:
+    """Return the place of a direction in the frame of the surface, on either side, in a table of directional albedo.
+
+    Cosine and azimuth, as nodes and fractions of the step to the next; -1 for the azimuth if all are equal.
+    """
     x, y, z = direction
     place = np.sqrt(min(abs(z), 1.0)) * (COSINES - 1)
     i = min(int(place), COSINES - 2)
-    level = place - i
     if AZIMUTHS == 1 or table[i, 0] == table[i, AZIMUTHS - 1]:
-        return (1.0 - level) * table[i, 0] + level * table[i + 1, 0]
+        return i, place - i, -1, 0.0
     turn = np.arctan2(abs(y), abs(x)) / (0.5 * np.pi) * (AZIMUTHS - 1)
     j = min(int(turn), AZIMUTHS - 2)
-    turn -= j
+    return i, place - i, j, turn - j
+
+
+@kernel(error_model="numpy")
+def _at_place(table: NDArray[np.float64], place: tuple[Any, ...]) -> Any:
+    """Return the value of a table at a place."""
+    i, level, j, turn = place
+    if j < 0:
+        return (1.0 - level) * table[i, 0] + level * table[i + 1, 0]
     low = (1.0 - turn) * table[i, j] + turn * table[i, j + 1]
     high = (1.0 - turn) * table[i + 1, j] + turn * table[i + 1, j + 1]
     return (1.0 - level) * low + level * high
+
+
+@kernel(error_model="numpy")
+def _interpolate(table: NDArray[np.float64], direction: tuple[Any, ...]) -> Any:
+    """Return the value of a table of directional albedo for a direction in the frame of the surface."""
+    return _at_place(table, _table_place(table, direction))
+
+
+@kernel(error_model="numpy")
+def entering(tables: NDArray[np.float64], direction: tuple[Any, ...]) -> Any:
+    """Return the shares of light that the boundary, and one reflection of mirrors, do not reflect."""
+    place = _table_place(tables[1], direction)
+    return 1.0 - _at_place(tables[0], place), 1.0 - _at_place(tables[1], place)
 
 
 def reflect_light(
@@ -149,38 +184,51 @@ def _reflect_light(
         if irradiance[n] == 0.0:
             continue
         m = materials[faces[n]]
-        index, along, wide, metal, through = values[m, 0], values[m, 1], values[m, 2], values[m, 3], values[m, 4]
-        frame = _frame(normals[n], tangents[faces[n]])
-        light = _in_frame(frame, to_light[n, 0], to_light[n, 1], to_light[n, 2])
-        incident = irradiance[n] * abs(light[2])
-        if light[2] <= 0.0 and through == 0.0:
-            continue
-        if index <= 1.0 and metal == 0.0:
-            factors[n] += incident * (values[m, 9] if light[2] > 0.0 else through)
-            continue
-        seen = _towards(frame, origin, points[n])
-        coat, mirror = tables[m, 0], tables[m, 1]
-        base = (1.0 - _interpolate(coat, seen)) * (1.0 - _interpolate(coat, light))
-        base *= (1.0 - metal) / (1.0 - values[m, 5])
-        if light[2] <= 0.0:
-            factors[n] += through * incident * base
-            continue
-        hx, hy, hz = seen[0] + light[0], seen[1] + light[1], seen[2] + light[2]
-        size = np.sqrt(hx * hx + hy * hy + hz * hz)
-        half = (hx / size, hy / size, hz / size)
-        cosine = min(half[0] * seen[0] + half[1] * seen[1] + half[2] * seen[2], 1.0)
-        single = irradiance[n] * _facets(seen, light, half, along, wide)
-        # Light that is reflected more than once (Kulla and Conty 2017).
-        lost = (1.0 - _interpolate(mirror, seen)) * (1.0 - _interpolate(mirror, light))
-        again = incident * lost / max(1.0 - values[m, 6], 1e-12)
-        grazing = (1.0 - cosine) ** 5
-        factors[n] += values[m, 9] * incident * base + metal * (single * (1.0 - grazing) + again * (1.0 - values[m, 8]))
-        gloss[n] += (1.0 - metal) * (single * fresnel(cosine, index) + again * values[m, 7])
-        gloss[n] += metal * (single * grazing + again * values[m, 8])
+        frame = frame_of(normals[n], tangents[faces[n]])
+        light = in_frame(frame, to_light[n, 0], to_light[n, 1], to_light[n, 2])
+        eye = towards(frame, origin, points[n])
+        factor, shine = reflect_ray(irradiance[n], light, eye, entering(tables[m], eye), values[m], tables[m])
+        factors[n] += factor
+        gloss[n] += shine
 
 
 @kernel(error_model="numpy")
-def _frame(normal: NDArray[np.float64], along: NDArray[np.float64]) -> Any:
+def reflect_ray(
+    irradiance: float, light: tuple[Any, ...], eye: tuple[Any, ...], leaving: tuple[Any, ...],
+    values: NDArray[np.float64], tables: NDArray[np.float64],
+) -> Any:  # fmt: skip
+    """Return factor and gloss of the light from one direction.
+
+    ``light``, ``eye``: Unit vectors towards light and camera in the frame of the surface.
+    ``leaving``: `entering` of ``eye``.
+    ``values``, ``tables``: Of the material, see `reflection.ReflectionTables`.
+    """
+    index, along, wide, metal, through = values[0], values[1], values[2], values[3], values[4]
+    incident = irradiance * abs(light[2])
+    if light[2] <= 0.0 and through == 0.0:
+        return 0.0, 0.0
+    if index <= 1.0 and metal == 0.0:
+        return incident * (values[9] if light[2] > 0.0 else through), 0.0
+    into = entering(tables, light)
+    base = leaving[0] * into[0]
+    base *= (1.0 - metal) / (1.0 - values[5])
+    if light[2] <= 0.0:
+        return through * incident * base, 0.0
+    hx, hy, hz = eye[0] + light[0], eye[1] + light[1], eye[2] + light[2]
+    size = np.sqrt(hx * hx + hy * hy + hz * hz)
+    half = (hx / size, hy / size, hz / size)
+    cosine = min(half[0] * eye[0] + half[1] * eye[1] + half[2] * eye[2], 1.0)
+    single = irradiance * _facets(eye, light, half, along, wide)
+    # Light that is reflected more than once (Kulla and Conty 2017).
+    again = incident * (leaving[1] * into[1]) / max(1.0 - values[6], 1e-12)
+    grazing = (1.0 - cosine) ** 5
+    factor = values[9] * incident * base + metal * (single * (1.0 - grazing) + again * (1.0 - values[8]))
+    gloss = (1.0 - metal) * (single * fresnel(cosine, index) + again * values[7])
+    return factor, gloss + metal * (single * grazing + again * values[8])
+
+
+@kernel(error_model="numpy")
+def frame_of(normal: NDArray[np.float64], along: NDArray[np.float64]) -> Any:
     """Return tangent, bitangent and normal of a surface, with the tangent in the plane of a direction along it."""
     nx, ny, nz = normal[0], normal[1], normal[2]
     off = nx * along[0] + ny * along[1] + nz * along[2]
@@ -191,18 +239,18 @@ def _frame(normal: NDArray[np.float64], along: NDArray[np.float64]) -> Any:
 
 
 @kernel(error_model="numpy")
-def _in_frame(frame: tuple[Any, ...], x: float, y: float, z: float) -> Any:
+def in_frame(frame: tuple[Any, ...], x: float, y: float, z: float) -> Any:
     """Return the components of a vector in a frame."""
     a, b, c = frame
     return a[0] * x + a[1] * y + a[2] * z, b[0] * x + b[1] * y + b[2] * z, c[0] * x + c[1] * y + c[2] * z
 
 
 @kernel(error_model="numpy")
-def _towards(frame: tuple[Any, ...], origin: NDArray[np.float64], point: NDArray[np.float64]) -> Any:
+def towards(frame: tuple[Any, ...], origin: NDArray[np.float64], point: NDArray[np.float64]) -> Any:
     """Return the unit vector from a point to the camera in a frame; along the surface at least."""
     dx, dy, dz = origin[0] - point[0], origin[1] - point[1], origin[2] - point[2]
     size = np.sqrt(dx * dx + dy * dy + dz * dz)
-    x, y, z = _in_frame(frame, dx / size, dy / size, dz / size)
+    x, y, z = in_frame(frame, dx / size, dy / size, dz / size)
     return x, y, max(z, _LEAST_COSINE)
 
 
@@ -231,7 +279,7 @@ def _reflect_ambient(
         if values[m, 0] <= 1.0 and metal == 0.0:
             factors[n] += ambient * both
             continue
-        seen = _towards(_frame(normals[n], tangents[faces[n]]), origin, points[n])
+        seen = towards(frame_of(normals[n], tangents[faces[n]]), origin, points[n])
         coat, mirror = _interpolate(tables[m, 0], seen), _interpolate(tables[m, 1], seen)
         grazing, lost = _interpolate(tables[m, 2], seen), 1.0 - mirror
         factors[n] += ambient * (1.0 - metal) * both * (1.0 - coat)

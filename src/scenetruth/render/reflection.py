@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from scenetruth.bands import as_number
 from scenetruth.raycast import RayCaster, ShadowCaster, Topology
+from scenetruth.render.area_lamps import AreaLamps, SeenPoints, Surface
 from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lamp, Lighting
 from scenetruth.scene.material import Material
@@ -114,22 +115,6 @@ def light_of(
     )
 
 
-class SeenPoints(NamedTuple):
-    """Points of surfaces that a camera sees.
-
-    ``origin_mm``: Position of the camera, shape (3,).
-    ``points_mm``, ``normals``: Points and unit normals on the visible side, shape (n, 3) each.
-    ``faces``: Face of each point, shape (n,).
-    ``starts_mm``: Origins of the shadow rays on the visible side, see `shading_kernels.smooth_points`, shape (n, 3).
-    """
-
-    origin_mm: NDArray[np.float64]
-    points_mm: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    faces: NDArray[np.int32]
-    starts_mm: NDArray[np.float64]
-
-
 @dataclass(frozen=True, eq=False)
 class _Sheet:
     """Surfaces that cast shadows of one transmittance.
@@ -209,14 +194,24 @@ class Reflection:
         """
         from scenetruth.render.reflectance_kernels import reflect_ambient, reflect_light
 
-        _, points_mm, normals, faces, _ = place
-        view = place[:4]
-        surface = (self._tangents(caster), self._world.face_material, *(optics or self._optics))
+        view, surface = place.view, self._surface(caster, optics)
+        _, points_mm, normals, faces = view
         factors, gloss = np.zeros((2, len(points_mm)))
         state, blocked = np.zeros((2, len(points_mm)), dtype=np.uint64)
-        reflect_ambient(self._lighting.ambient_irradiance, view, surface, factors, gloss)
+        ambient = self._lighting.ambient_irradiance
+        fine = self._areas.ambient(caster, ambient, lamps, place, surface) if self._lighting.has_areas else None
+        if fine is not None:
+            factors, gloss = fine.T.copy()
+        else:
+            reflect_ambient(ambient, view, surface, factors, gloss)
         through = self._optics.values[self._world.face_material[faces], 4] > 0
         for number, lamp in enumerate(lamps):
+            if lamp.area is not None:
+                # Without a state: borders of penumbrae are smooth.
+                light = self._areas.light(caster, number, lamp, place, surface)
+                factors += light[:, 0]
+                gloss += light[:, 1]
+                continue
             if lamp.position_mm is None:
                 to_light = np.broadcast_to(-lamp.axis, points_mm.shape)
             else:
@@ -242,6 +237,45 @@ class Reflection:
             reflect_light(light, to_light, view, surface, factors, gloss)
             state = state * _MIX + zone
         return factors, gloss, state, blocked
+
+    @cached_property
+    def _areas(self) -> AreaLamps:
+        values, material = self._optics.values, self._world.face_material
+        transmitted = np.array([self._mean_transmittance(index) for index in range(len(values))])
+        glossy = (values[:, 0] > 1) | (values[:, 3] > 0)
+        roughness = np.where(glossy, values[:, 1:3].min(axis=1), np.inf)
+        return AreaLamps(self._world, transmitted[material], roughness[material], shadows=self._lighting.shadows)
+
+    def begin(
+        self, caster: RayCaster, lamps: list[Lamp], place: SeenPoints, mixed: NDArray[np.bool_], pixel_angle: float
+    ) -> None:
+        """Prepare the lamps with a size for one image, see `AreaLamps.begin`."""
+        if any(lamp.area is not None for lamp in lamps):
+            self._areas.begin(caster, lamps, place, self._surface(caster), mixed, pixel_angle)
+
+    def steep(self) -> NDArray[np.bool_] | None:
+        """Return the pixels of the prepared image at borders of sharp shadows of lamps with a size."""
+        return self._areas.steep() if self._lighting.has_areas else None
+
+    def on_samples(
+        self, caster: RayCaster, lamps: list[Lamp], origin_mm: NDArray[np.float64],
+        samples: tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]],
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]] | None:  # fmt: skip
+        """Return factors and gloss of samples in a prepared image, see `AreaLamps.on_samples`."""
+        if not self._lighting.has_areas:
+            return None
+        surface = self._surface(caster)
+        return self._areas.on_samples(caster, self._lighting.ambient_irradiance, lamps, origin_mm, samples, surface)
+
+    def _surface(self, caster: RayCaster, optics: ReflectionTables | None = None) -> Surface:
+        """Return tangents, materials, and tables of the faces, see `reflectance_kernels.reflect_light`."""
+        return self._tangents(caster), self._world.face_material, *(optics or self._optics)
+
+    def _mean_transmittance(self, index: int) -> float:
+        """Return the share of light that a material transmits on average over the texture."""
+        share = float(self._optics.values[index, 4])
+        texture = self._world.bodies[self._world.materials[index][1]].texture
+        return share * float(np.mean(texture.raster())) if share else 0.0
 
     @cached_property
     def _optics(self) -> ReflectionTables:
@@ -275,10 +309,10 @@ class Reflection:
             world, values = self._world, self._optics.values[:, 4]
             through = values[world.face_material] > 0
             groups = [(np.flatnonzero(~through), 0.0)]
-            for index in np.flatnonzero(values > 0):
-                texture = world.bodies[world.materials[index][1]].texture
-                mean = float(np.mean(texture.raster()))
-                groups.append((np.flatnonzero(world.face_material == index), mean * float(values[index])))
+            groups += [
+                (np.flatnonzero(world.face_material == index), self._mean_transmittance(int(index)))
+                for index in np.flatnonzero(values > 0)
+            ]
             self._kinds = [
                 (chosen, Topology.of(caster.vertices_mm, world.faces[chosen], world.crease_deg[chosen]), share)
                 for chosen, share in groups

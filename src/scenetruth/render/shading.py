@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.raycast import Changes, Hits, RayCaster, ShadowCaster, SurfaceLines
-from scenetruth.render.reflection import Reflection, ReflectionTables, SeenPoints, light_of
+from scenetruth.render.area_lamps import SeenPoints, largest_pixel_angle
+from scenetruth.render.reflection import Reflection, ReflectionTables, light_of
 from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lamp, Lighting
 
@@ -30,7 +31,8 @@ class PixelLight:
     ``borders``: Pixels at the borders of shadows and light cones, shape (height, width).
     ``blocked``: Lamps that do not reach the point because of a shadow, one bit each from the lowest, uint64, shape
       (height, width).
-    ``gloss``: Radiance that does not depend on the texture, shape (height, width); None if all surfaces are matt.
+    ``gloss``: Radiance that does not depend on the texture, shape (height, width); None with matt surfaces and lamps
+      without a size only.
     """
 
     shade: NDArray[np.float64]
@@ -66,8 +68,9 @@ class PixelLight:
 class Arrived(NamedTuple):
     """Light that arrives at points and leaves them towards the camera.
 
-    The radiance is texture x ``factors`` + ``gloss``. ``gloss`` is None if all surfaces are matt. ``state``: Numbers
-    that differ between points lit by different lights or cone zones. ``blocked``: See `PixelLight`. Shape (n,) each.
+    The radiance is texture x ``factors`` + ``gloss``. ``gloss`` is None with matt surfaces and lamps without a size
+    only. ``state``: Numbers that differ between points lit by different lights or cone zones. ``blocked``: See
+    `PixelLight`. Shape (n,) each.
     """
 
     factors: NDArray[np.float64]
@@ -126,7 +129,7 @@ class Shader:
         self._world = world
         self._corner_normals: tuple[float, NDArray[np.float64]] | None = None
         self._shadows: ShadowCaster | None = None
-        self.matt = all(material.matt for material, _ in world.materials)
+        self.simple = all(material.matt for material, _ in world.materials) and not lighting.has_areas
         self._reflection = Reflection(lighting, world)
 
     def arrived(
@@ -136,13 +139,58 @@ class Shader:
         origin_mm: NDArray[np.float64],
         directions: NDArray[np.float64],
         hits: Hits,
+        pixels: NDArray[np.int64] | None = None,
+        mixed: NDArray[np.bool_] | None = None,
         optics: ReflectionTables | None = None,
     ) -> Arrived:
         """Compute the light at ray hits.
 
         For matt surfaces, the factors are ambient + sum of E falloff max(0, n l) over the unblocked lights; 1 without a
-        hit, where gloss is 0. ``optics``: See `Reflection.light`.
+        hit, where gloss is 0.
+
+        ``pixels``: Pixel of each ray, in an image whose centres have been computed before; shape (n,).
+        ``mixed``: Mixed pixels, if the rays are those through the pixel centres of an image; shape (height, width).
+        ``optics``: See `Reflection.light`; not with ``pixels``.
         """
+        if pixels is not None and not self.simple and (hits.face >= 0).all():
+            origin, lamps = np.asarray(origin_mm, dtype=np.float64), self._lighting.lamps_at(t)
+            quick = self._reflection.on_samples(caster, lamps, origin, (pixels, hits.face, hits.weights))
+            if quick is not None:
+                return self._complete(caster, t, origin, directions, hits, pixels, quick)
+        return self._arrived(caster, t, origin_mm, directions, hits, pixels, mixed, optics)
+
+    def _complete(
+        self,
+        caster: RayCaster,
+        t: float,
+        origin_mm: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        hits: Hits,
+        pixels: NDArray[np.int64],
+        quick: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]],
+    ) -> Arrived:
+        """Add the samples that are left out, see `Reflection.on_samples`."""
+        factors, gloss, left = quick
+        if len(left):
+            some = Hits(hits.face[left], hits.depth[left], hits.weights[left])
+            found = self._arrived(caster, t, origin_mm, directions[left], some, pixels[left], None, None)
+            assert found.gloss is not None
+            factors[left], gloss[left] = found.factors, found.gloss
+        none = np.zeros(len(factors), dtype=np.uint64)
+        return Arrived(factors, gloss, none, none)
+
+    def _arrived(
+        self,
+        caster: RayCaster,
+        t: float,
+        origin_mm: NDArray[np.float64],
+        directions: NDArray[np.float64],
+        hits: Hits,
+        pixels: NDArray[np.int64] | None,
+        mixed: NDArray[np.bool_] | None,
+        optics: ReflectionTables | None,
+    ) -> Arrived:
+        """As `arrived`, for all rays."""
         from scenetruth.render.shading_kernels import facing_points
 
         seen = np.flatnonzero(hits.face >= 0)
@@ -158,16 +206,23 @@ class Shader:
         lamps = self._lighting.lamps_at(t)
         factors, (state, blocked) = np.ones(len(directions)), np.zeros((2, len(directions)), dtype=np.uint64)
         gloss = None
-        if self.matt and optics is None:
+        if self.simple and optics is None:
             found = self.irradiance(caster, lamps, points, normals, hits.face[seen], starts)
             factors[seen], state[seen], blocked[seen] = found
         else:
-            gloss = np.zeros(len(directions))
             origin = np.asarray(origin_mm, dtype=np.float64)
-            place = SeenPoints(origin, points, normals, hits.face[seen], starts)
-            factors[seen], gloss[seen], state[seen], blocked[seen] = self._reflection.light(
-                caster, lamps, place, optics
-            )
+            hit = np.s_[:] if len(seen) == len(directions) else seen
+            own = None if pixels is None else pixels[hit]
+            place = SeenPoints(origin, points, normals, hits.face[hit], starts, hits.weights[hit], own)
+            if mixed is not None:
+                place = place._replace(pixels=seen)
+                angle = largest_pixel_angle(directions, mixed.shape[1])
+                self._reflection.begin(caster, lamps, place, mixed, angle)
+            found_light = self._reflection.light(caster, lamps, place, optics)
+            if len(seen) == len(directions):
+                return Arrived(*found_light)
+            gloss = np.zeros(len(directions))
+            factors[seen], gloss[seen], state[seen], blocked[seen] = found_light
         return Arrived(factors, gloss, state, blocked)
 
     def on_hits(
@@ -179,10 +234,14 @@ class Shader:
         directions: NDArray[np.float64],
         hits: Hits,
         face_light: FaceLight | None,
+        pixels: NDArray[np.int64] | None = None,
     ) -> NDArray[np.float32]:
-        """Return the radiance at ray hits, shape (n,), from the light on the faces where it is decided."""
+        """Return the radiance at ray hits, shape (n,), from the light on the faces where it is decided.
+
+        ``pixels``: See `arrived`.
+        """
         if face_light is None:
-            return self.arrived(caster, t, origin_mm, directions, hits).on(albedo)
+            return self.arrived(caster, t, origin_mm, directions, hits, pixels).on(albedo)
         return albedo * self.on_faces(caster, t, origin_mm, directions, hits, face_light).astype(np.float32)
 
     def on_faces(
@@ -318,7 +377,7 @@ class Shader:
 
         lamps = self._lighting.lamps_at(t)
         near = any(lamp.position_mm is not None for lamp in lamps)
-        if not self.matt or len(lamps) > 64 or near:
+        if not self.simple or len(lamps) > 64 or near:
             return None
         flat = not self._world.face_smooth.any()
         normals = caster.face_normals
@@ -359,11 +418,14 @@ class Shader:
         """Return the illumination of the pixels of one image with mixed pixels, shape (height, width)."""
         from scenetruth.render.shading_kernels import uneven_pixels
 
-        light = self.arrived(caster, t, origin_mm, directions, hits)
+        light = self.arrived(caster, t, origin_mm, directions, hits, mixed=mixed)
         shade, face = light.factors.reshape(mixed.shape), hits.face.reshape(mixed.shape)
         brightest = float(shade[face >= 0].max(initial=0.0))
         zones = light.state.reshape(mixed.shape)
         uneven, borders = uneven_pixels(shade, zones, face, mixed, _STEEPEST * brightest)
+        steep = self._reflection.steep()
+        if steep is not None:
+            uneven, borders = uneven | steep, borders | steep
         gloss = None
         if light.gloss is not None:
             gloss = light.gloss.reshape(mixed.shape)

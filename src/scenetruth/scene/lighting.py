@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,46 @@ from scenetruth.bands import BandNonNegative, as_number
 from scenetruth.discovery import discriminated_union
 from scenetruth.scene.motion import MotionModel, Points
 from scenetruth.scene.motion.rigid_motions import Motion
-from scenetruth.validated_model import Direction, Finite, FrozenModel, Positive, Vector3
+from scenetruth.validated_model import Direction, Finite, FrozenModel, NonNegative, Positive, Vector3
 
-__all__ = ["EVERYWHERE", "DirectionalLight", "Flicker", "Lamp", "LightModel", "Lighting", "PointLight", "SpotLight"]
+__all__ = [
+    "EVERYWHERE",
+    "DirectionalLight",
+    "DiscLight",
+    "Flicker",
+    "Lamp",
+    "LampArea",
+    "LightModel",
+    "Lighting",
+    "PointLight",
+    "RectangleLight",
+    "RingLight",
+    "SphereLight",
+    "SpotLight",
+]
 
 
 EVERYWHERE = -1.0
 """Cone-border cosine of a lamp without a cone."""
+_THIN = 1e-6  # distance from a flat lamp, relative to its size, below which a point is on it
+_PARALLEL = 1e-6  # length below which the width of a lamp is parallel to its axis
+
+
+@dataclass(frozen=True, eq=False)
+class LampArea:
+    """Size of a lamp; every part of it has the same radiance in all directions of its front.
+
+    ``shape``: ``round`` (discs and rings), ``rectangle`` or ``sphere``.
+    ``across``, ``down``: Unit vectors, shape (3,) each, at right angles to the axis of the lamp.
+    ``sizes_mm``: Inner and outer radius, or half the width and half the height.
+    ``radiance``: In units in which irradiance 1 gives the value of the texture.
+    """
+
+    shape: Literal["round", "rectangle", "sphere"]
+    across: NDArray[np.float64]
+    down: NDArray[np.float64]
+    sizes_mm: tuple[float, float]
+    radiance: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +64,7 @@ class Lamp:
     ``axis``: Unit vector of the light direction, shape (3,); zeros for a point light.
     ``irradiance``: E at normal incidence at ``reference_distance_mm``, which is 0 for a directional light.
     ``cos_inner``, ``cos_outer``: Cosines of the inner and outer cone angles of a spotlight; -1 and -1 for other lights.
+    ``area``: None for lamps without a size.
     """
 
     position_mm: NDArray[np.float64] | None
@@ -39,6 +73,37 @@ class Lamp:
     reference_distance_mm: float
     cos_inner: float
     cos_outer: float
+    area: LampArea | None = None
+
+    def outline_mm(self) -> NDArray[np.float64]:
+        """Return points of the lamp, shape (n, 3): its centre unless it is a ring, and points on its outline."""
+        assert self.position_mm is not None
+        if self.area is None:
+            return self.position_mm[None]
+        inner, outer = self.area.sizes_mm
+        if self.area.shape == "sphere":
+            return self.position_mm + outer * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+        if self.area.shape == "rectangle":
+            places = np.array([(0, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)]) * self.area.sizes_mm
+        else:
+            angles = 2 * np.pi * np.arange(16) / 16
+            around = np.column_stack([np.cos(angles), np.sin(angles)])
+            places = np.concatenate([inner * around[: None if inner > 0 else 1], outer * around])
+        return np.asarray(self.position_mm + places @ np.stack([self.area.across, self.area.down]))
+
+    def contains(self, point_mm: NDArray[np.float64]) -> bool:
+        """Return whether a point lies within a lamp with a size, or on it."""
+        if self.area is None or self.position_mm is None:
+            return False
+        away, (inner, outer) = point_mm - self.position_mm, self.area.sizes_mm
+        if self.area.shape == "sphere":
+            return float(np.linalg.norm(away)) <= outer
+        if abs(float(away @ self.axis)) > _THIN * outer:
+            return False
+        across, down = abs(float(away @ self.area.across)), abs(float(away @ self.area.down))
+        if self.area.shape == "rectangle":
+            return across <= inner and down <= outer
+        return inner <= float(np.hypot(across, down)) <= outer
 
 
 class LightModel(FrozenModel):
@@ -156,6 +221,162 @@ class SpotLight(LightModel):
         return Lamp(at, axis, as_number(self.irradiance), self.reference_distance_mm, float(inner), float(outer))
 
 
+class _FlatLight(LightModel):
+    """Base class of flat lamps, which emit equal radiance into the half space in front of them (Lambert)."""
+
+    position_mm: Vector3
+    """World position of the centre at t = 0 in mm."""
+    direction: Direction | None = None
+    """Direction in which the lamp faces at t = 0, of any length; alternative to ``target_mm``."""
+    target_mm: Vector3 | None = None
+    """World point that the lamp faces at t = 0."""
+    irradiance: BandNonNegative
+    """Irradiance E at normal incidence on the axis, at ``reference_distance_mm`` from the centre."""
+    reference_distance_mm: Positive
+    """Distance from the lamp at which ``irradiance`` is specified."""
+    motion: tuple[Motion, ...] = ()
+    """Motion of the lamp; rotations without a specified point are about its position."""
+
+    @model_validator(mode="after")
+    def _one_axis(self) -> Self:
+        if (self.direction is None) == (self.target_mm is None):
+            msg = "specify either direction or target_mm"
+            raise ValueError(msg)
+        if self.target_mm == self.position_mm:
+            msg = "target_mm must differ from position_mm: the lamp would face nowhere"
+            raise ValueError(msg)
+        return self
+
+    def _facing(self, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return position and axis at time t."""
+        at = np.asarray(self.position_mm)
+        ahead = at + np.asarray(self.direction) if self.target_mm is None else np.asarray(self.target_mm)
+        return moved_axis(self.motion, self.position_mm, (ahead[0], ahead[1], ahead[2]), t)
+
+    def _round(self, t: float, inner_mm: float, outer_mm: float) -> Lamp:
+        """Return a disc or ring at time t."""
+        at, axis = self._facing(t)
+        across = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+        across /= max(float(np.linalg.norm(across)), 1e-300)
+        shares = [radius**2 / (radius**2 + self.reference_distance_mm**2) for radius in (inner_mm, outer_mm)]
+        radiance = as_number(self.irradiance) / (np.pi * (shares[1] - shares[0]))
+        area = LampArea("round", across, np.cross(axis, across), (inner_mm, outer_mm), radiance)
+        return Lamp(at, axis, as_number(self.irradiance), self.reference_distance_mm, EVERYWHERE, EVERYWHERE, area)
+
+
+class DiscLight(_FlatLight):
+    """Flat, round lamp."""
+
+    kind: Literal["disc"]
+    """``disc``."""
+    radius_mm: Positive
+    """Radius."""
+
+    def lamp(self, t: float) -> Lamp:
+        """Return the light at time t, see `LightModel`."""
+        return self._round(t, 0.0, self.radius_mm)
+
+
+class RingLight(_FlatLight):
+    """Flat, ring-shaped lamp, such as those around a lens."""
+
+    kind: Literal["ring"]
+    """``ring``."""
+    inner_radius_mm: NonNegative
+    """Radius of the opening."""
+    radius_mm: Positive
+    """Outer radius."""
+
+    @field_validator("radius_mm")
+    @classmethod
+    def _outside(cls, value: float, info: ValidationInfo) -> float:
+        inner = info.data.get("inner_radius_mm")
+        if inner is not None and value <= inner:
+            msg = f"must be greater than inner_radius_mm, {inner:g}"
+            raise ValueError(msg)
+        return value
+
+    def lamp(self, t: float) -> Lamp:
+        """Return the light at time t, see `LightModel`."""
+        return self._round(t, self.inner_radius_mm, self.radius_mm)
+
+
+class RectangleLight(_FlatLight):
+    """Flat, rectangular lamp, such as a panel."""
+
+    kind: Literal["rectangle"]
+    """``rectangle``."""
+    size_mm: tuple[Positive, Positive]
+    """Width and height."""
+    width_direction: Direction = (1.0, 0.0, 0.0)
+    """Direction of the width at t = 0; its part at right angles to the axis counts."""
+
+    @model_validator(mode="after")
+    def _width(self) -> Self:
+        _, axis = self._facing(0.0)
+        width = np.asarray(self.width_direction)
+        if not float(np.linalg.norm(np.cross(axis, width))) > _PARALLEL * float(np.linalg.norm(width)):
+            msg = "width_direction must not be parallel to the axis of the lamp"
+            raise ValueError(msg)
+        return self
+
+    def lamp(self, t: float) -> Lamp:
+        """Return the light at time t, see `LightModel`."""
+        at, axis = self._facing(t)
+        start = np.asarray(self.position_mm)
+        side = start + np.asarray(self.width_direction)
+        _, across = moved_axis(self.motion, self.position_mm, (side[0], side[1], side[2]), t)
+        across = across - (across @ axis) * axis
+        across = across / max(float(np.linalg.norm(across)), 1e-300)
+        width, height = self.size_mm
+        x, y = (side / (2 * self.reference_distance_mm) for side in (width, height))
+        x_far, y_far = np.hypot(1, x), np.hypot(1, y)
+        whole = 2 * (x / x_far * np.arctan(y / x_far) + y / y_far * np.arctan(x / y_far))
+        area = LampArea(
+            "rectangle",
+            across,
+            np.cross(axis, across),
+            (width / 2, height / 2),
+            as_number(self.irradiance) / float(whole),
+        )
+        return Lamp(at, axis, as_number(self.irradiance), self.reference_distance_mm, EVERYWHERE, EVERYWHERE, area)
+
+
+class SphereLight(LightModel):
+    """Spherical lamp, which emits equal radiance in all directions."""
+
+    kind: Literal["sphere"]
+    """``sphere``."""
+    position_mm: Vector3
+    """World position of the centre at t = 0 in mm."""
+    radius_mm: Positive
+    """Radius."""
+    irradiance: BandNonNegative
+    """Irradiance E at normal incidence at ``reference_distance_mm`` from the centre."""
+    reference_distance_mm: Positive
+    """Distance from the centre at which ``irradiance`` is specified; greater than the radius."""
+    motion: tuple[Motion, ...] = ()
+    """Motion of the lamp."""
+
+    @field_validator("reference_distance_mm")
+    @classmethod
+    def _outside(cls, value: float, info: ValidationInfo) -> float:
+        radius = info.data.get("radius_mm")
+        if radius is not None and value <= radius:
+            msg = f"must be greater than radius_mm, {radius:g}"
+            raise ValueError(msg)
+        return value
+
+    def lamp(self, t: float) -> Lamp:
+        """Return the light at time t, see `LightModel`."""
+        at, _ = moved_axis(self.motion, self.position_mm, self.position_mm, t)
+        radiance = as_number(self.irradiance) / (np.pi * (self.radius_mm / self.reference_distance_mm) ** 2)
+        area = LampArea("sphere", np.zeros(3), np.zeros(3), (0.0, self.radius_mm), radiance)
+        return Lamp(
+            at, np.zeros(3), as_number(self.irradiance), self.reference_distance_mm, EVERYWHERE, EVERYWHERE, area
+        )
+
+
 if TYPE_CHECKING:
     Light = LightModel
 else:
@@ -177,9 +398,9 @@ class Lighting(FrozenModel):
     """Lighting of the objects.
 
     A surface has the radiance ``texture (ambient + sum of E falloff max(0, n l) over the lights that reach it)``, with
-    the texture as albedo; the factor 1/π is omitted, so irradiance 1 gives the value of the texture. All radiances are
-    then multiplied by the time-dependent brightness. Without ambient light and lights, the scene is unlit: radiance is
-    texture times brightness.
+    the texture as albedo, integrated over lamps with a size; the factor 1/π is omitted, so irradiance 1 gives the value
+    of the texture. All radiances are then multiplied by the time-dependent brightness. Without ambient light and
+    lights, the scene is unlit: radiance is texture times brightness.
     """
 
     ambient: BandNonNegative | None = None
@@ -202,6 +423,11 @@ class Lighting(FrozenModel):
     def ambient_irradiance(self) -> float:
         """Ambient irradiance, 0 for none; requires lighting restricted to one band."""
         return as_number(self.ambient or 0.0)
+
+    @property
+    def has_areas(self) -> bool:
+        """Whether any lamp has a size."""
+        return any(light.lamp(0.0).area is not None for light in self.lights)
 
     def brightness(self, t: float) -> float:
         """Return the brightness factor at time t (in frames); exactly 1 without variation."""

@@ -15,7 +15,7 @@ from scenetruth.bands import as_number
 from scenetruth.camera import build_sensor_chain
 from scenetruth.errors import Problem, SceneError, SceneWarning
 from scenetruth.scene.built_scene import BuiltScene
-from scenetruth.scene.lighting import EVERYWHERE, Lighting
+from scenetruth.scene.lighting import EVERYWHERE, Lamp, Lighting
 from scenetruth.scene.scene_models import Scene, compute_image_times
 from scenetruth.scene.texture import TextureModel
 
@@ -30,7 +30,7 @@ _GENERIC_DIRECTION = np.array([0.351938, 0.681273, 0.641873])
 
 
 def find_lighting_problems(scene: Scene, world: BuiltScene, times: Sequence[float] | None = None) -> list[Problem]:
-    """Return the problems of a scene's lighting: lights inside closed objects, and non-positive brightness."""
+    """Return the problems of a scene's lighting: lights inside closed objects or at the camera, brightness below 0."""
     # Positions and directions are the same in all bands.
     lighting = scene.band_scenes()[0].lighting
     times = [float(t) for t in scene.frames.t] if times is None else times
@@ -43,6 +43,7 @@ def find_lighting_problems(scene: Scene, world: BuiltScene, times: Sequence[floa
     problems += _lost_lamps(lighting, times)
     if problems or all(lamp.position_mm is None for lamp in lighting.lamps_at(0.0)):
         return problems
+    problems += _lamps_at_camera(scene, times)
     closed = [_is_closed(body.positions_at(0.0), body.faces) for body in world.bodies]
     found: set[tuple[int, int]] = set()
     for t in times:
@@ -54,9 +55,10 @@ def find_lighting_problems(scene: Scene, world: BuiltScene, times: Sequence[floa
                 corners = places[index]
                 if corners is None or (number, index) in found:
                     continue
-                if _is_inside(lamp.position_mm, corners, body.faces):
+                if any(_is_inside(point, corners, body.faces) for point in lamp.outline_mm()):
                     found.add((number, index))
-                    message = f"the light is inside '{body.name}' at frame {t:g}; move it outside"
+                    part = "light is" if lamp.area is None else "lamp is, at least in part,"
+                    message = f"the {part} inside '{body.name}' at frame {t:g}; move it outside"
                     where = tuple(round(float(value), 6) for value in lamp.position_mm)
                     problems.append(Problem(f"lighting.lights.{number}.position_mm", message, where))
     return problems
@@ -65,25 +67,30 @@ def find_lighting_problems(scene: Scene, world: BuiltScene, times: Sequence[floa
 def _reflectance_problems(scene: Scene, world: BuiltScene) -> list[Problem]:
     """Return the problems of surfaces that reflect and transmit more light than they receive, in any band."""
     problems: dict[str, Problem] = {}
+    most: dict[str, float] = {}
     bands = [f" in the band '{band}'" for band in scene.camera.bands] or [""]
     for band, one, painted in zip(bands, scene.band_scenes(), world.bands or (world,), strict=False):
         for (path, item), body in zip(one.parts, painted.bodies, strict=False):
-            # The leaves of a plant have one material.
+            # The leaves of a plant have one material, and textures of their own: the brightest of them decides.
             where = path if path.startswith("objects") else ".".join(path.split(".")[:2])
             tint = as_number(item.tint)
             share = max(as_number(each.transmittance) + as_number(each.reflectance) - 1 for each in body.materials)
-            if where in problems or (share <= 0 and tint <= 1):
+            if share <= 0 and tint <= 1:
                 continue
             rows, columns = body.texture.shape
             u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
             brightest = float(body.texture.radiance(np.column_stack([u.ravel(), v.ravel()])).max())
+            sent = brightest * (1 + max(share, 0.0))
+            if sent <= max(1 + _BRIGHTER, most.get(where, 0.0)):
+                continue
+            most[where] = sent
             if brightest > 1 + _BRIGHTER and tint > 1:
                 message = f"the texture times the tint reaches {brightest:.3g}{band}, more than 1; "
                 message += f"at most {tint / brightest:.3g}"
                 problems[where] = Problem(f"{where}.tint", message, tint)
-            elif share > 0 and brightest * (1 + share) > 1 + _BRIGHTER:
+            else:
                 message = f"the texture reaches {brightest:.3g}{band}: reflection and transmission add up to "
-                message += f"{brightest * (1 + share):.3g} of the light, more than 1; at most {1 / brightest - 1:.3g}"
+                message += f"{sent:.3g} of the light, more than 1; at most {1 / brightest - 1:.3g}"
                 problems[where] = Problem(f"{where}.material.transmittance", message, item.material.transmittance)
     return list(problems.values())
 
@@ -98,17 +105,51 @@ def _material_warnings(scene: Scene) -> list[str]:
     return [f"material: no effect on {', '.join(names)}, because the scene is unlit; add lights or ambient light"]
 
 
+def _lamps_at_camera(scene: Scene, times: Sequence[float]) -> list[Problem]:
+    """Return the problems of lamps with a size through which the camera looks."""
+    found: dict[int, Problem] = {}
+    for t in times:
+        for number, lamp in enumerate(scene.band_scenes()[0].lighting.lamps_at(t)):
+            cameras = product(scene.stage.x_mm, scene.stage.y_mm)
+            if any(lamp.contains(np.array([x_mm, y_mm, 0.0])) for x_mm, y_mm in cameras):
+                message = f"the camera is on or inside the lamp at frame {t:g}; move the lamp, or use a ring"
+                where = tuple(round(float(value), 6) for value in np.asarray(lamp.position_mm))
+                found.setdefault(number, Problem(f"lighting.lights.{number}.position_mm", message, where))
+    return list(found.values())
+
+
+def _lamp_warnings(scene: Scene, world: BuiltScene) -> list[str]:
+    """Return warnings about lamps with a size in the field of view, and of those that face away from all objects."""
+    messages = []
+    for number, lamp in enumerate(scene.band_scenes()[0].lighting.lamps_at(0.0)):
+        if lamp.area is None or lamp.position_mm is None:
+            continue
+        outline, where = lamp.outline_mm(), f"lighting.lights.{number}"
+        ahead = outline[outline[:, 2] > 0]
+        if any(_in_view(scene, point[None]) for point in ahead):
+            messages.append(f"{where}: the lamp is in the field of view; images do not show lamps")
+        if lamp.area.shape != "sphere":
+            sides = [(body.vertices_mm - lamp.position_mm) @ lamp.axis for body in world.bodies]
+            if max(float(side.max()) for side in sides) <= 0:
+                messages.append(f"{where}: the lamp faces away from all objects; turn it by direction or target_mm")
+    return messages
+
+
 def _lost_lamps(lighting: Lighting, times: Sequence[float]) -> list[Problem]:
     """Return the problems of lamps whose position or direction overflows."""
     lost: dict[int, Problem] = {}
     for t in times:
         for number, lamp in enumerate(lighting.lamps_at(t)):
-            directed = lamp.position_mm is None or lamp.cos_outer > EVERYWHERE
+            directed = lamp.position_mm is None or lamp.cos_outer > EVERYWHERE or _is_flat(lamp)
             shines = not directed or abs(float(np.linalg.norm(lamp.axis)) - 1) < _UNSTEADY
             if not shines or not (lamp.position_mm is None or np.isfinite(lamp.position_mm).all()):
                 message = f"position or direction of the light overflows at frame {t:g}; reduce the rate"
                 lost.setdefault(number, Problem(f"lighting.lights.{number}.motion", message))
     return list(lost.values())
+
+
+def _is_flat(lamp: Lamp) -> bool:
+    return lamp.area is not None and lamp.area.shape != "sphere"
 
 
 def _is_closed(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> bool:
@@ -208,6 +249,7 @@ def describe_scene(
     chain = build_sensor_chain(scene.sensor)
     sample = chain.dtype.itemsize * max(len(chain.channels(scene.camera.bands)), 1)
     messages = [*_texture_warnings(reports), *_extension_warnings(reports), *_material_warnings(scene)]
+    messages += _lamp_warnings(scene, world)
     ends = (float(disparity.min()), float(disparity.max())) if seen.size else (0.0, 0.0)
     span = (ends[0] - round(mean), ends[1] - round(mean))
     messages += _registration_warnings(scene, ends, mean)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scenetruth.camera import ImageAcquisition, Schedule, Stage
 from scenetruth.compilation import thread_count
 from scenetruth.errors import ArgumentError, Problem
-from scenetruth.memory import retained_memory
+from scenetruth.memory import release_memory, retained_memory
 from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
 from scenetruth.provenance import build_schedule, intrinsics_from
@@ -309,8 +309,11 @@ class TruthTasks:
                     done += 1
                 put(*item)
             # Maps are freed before the next are computed, to limit memory.
+            size = sum(values.nbytes for _, _, values in maps)
             maps.clear()
             del item
+            if size > _RELEASED_BYTES:
+                release_memory()
         if progress is not None:
             progress("truth", done, self.steps)
 
@@ -336,6 +339,7 @@ def fill_truth(
     return work.warnings
 
 
+_RELEASED_BYTES = 1 << 24  # size of maps whose memory is returned, because they are kept among arrays of later images
 _MOST_AT_ONCE = 1 << 20  # pixels and faces of tasks at a time, which limits their memory
 
 

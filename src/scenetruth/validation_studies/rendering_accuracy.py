@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from scenetruth.bands import as_number
 from scenetruth.camera import Viewpoint
 from scenetruth.errors import BackendUnavailableError
 from scenetruth.progress import Progress
@@ -387,12 +388,17 @@ def _openers(platform: str) -> tuple[list[Opener], str]:
     from scenetruth.render.pyrender_backend import PyrenderRenderer
     from scenetruth.render.raycast_backend import RaycastRenderer
 
-    openers: list[Opener] = [lambda world, scene, n: RaycastRenderer(world, scene.camera, scene.background, n)]
+    openers: list[Opener] = [
+        lambda world, scene, n: RaycastRenderer(world, scene.camera, as_number(scene.background), n)
+    ]
     try:
         use_platform(platform)
     except BackendUnavailableError as error:
         return openers, str(error)
-    return [lambda world, scene, n: PyrenderRenderer(world, scene.camera, scene.background, n, platform), *openers], ""
+    return [
+        lambda world, scene, n: PyrenderRenderer(world, scene.camera, as_number(scene.background), n, platform),
+        *openers,
+    ], ""
 
 
 def _measure(

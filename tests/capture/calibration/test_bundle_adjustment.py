@@ -20,6 +20,7 @@ from scenetruth.capture.calibration import (
     with_other_tilts,
 )
 from tests.helpers.drawn_rigs import DrawnRig, assess_draw, draw_rig, fit_draw, summarise
+from tests.helpers.nightly import NIGHTLY
 
 
 @pytest.fixture(scope="module")
@@ -33,8 +34,8 @@ def fit(rig: DrawnRig) -> RigFit:
 
 
 def test_stated_uncertainty_covers_the_errors_of_draws() -> None:
-    """z of 24 draws of 8 poses: the limits of chi-squared are passed once in 2000 for each of 15 quantities."""
-    draws = 24
+    """z of draws of 8 poses: the limits of chi-squared are passed once in 2000 for each of 15 quantities."""
+    draws = 48 if NIGHTLY else 12
     found = []
     for seed in range(2000, 2000 + draws):
         one = draw_rig(seed, poses=8)

@@ -141,6 +141,7 @@ def test_odd_estimates_are_drawn(what: str, tmp_path: Path) -> None:
     assert [figure.file for figure in figures] == files_without(OF_ERROR_BARS, *left_out)
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 @pytest.mark.parametrize(
     ("reduce", "expected"),
     [

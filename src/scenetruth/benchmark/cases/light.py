@@ -108,3 +108,34 @@ class TranslucencyCase(LightCase):
         """Return the pixels within 6 px of a border of the shadow."""
         near = truth["shadow_distance"].values <= _SHADOW_PX
         return np.asarray(super().region_at(truth, value) & near)
+
+
+class PenumbraCase(LightCase):
+    """A moving sheet with the shadow of a bar at rest, by the size of the lamp."""
+
+    kind = "penumbra"
+    title = "Penumbra"
+    question = "How does the sharpness of a shadow that does not move with the surface affect the accuracy?"
+    varied = "radius of the lamp, mm; penumbrae are 1.1 times as wide, in px"
+    full = (1.0, 5.0, 20.0)
+    headline = ("flow_x", "rmse")
+    logarithmic = True
+
+    def scene(self, value: float) -> Mapping[str, Any]:
+        """Return the sheet under the lamp, and the bar outside the view of the cameras."""
+        bar = build_wall("bar", distance_mm=640.0, size_mm=(12, 300), centre_mm=(-72.0, 0.0), velocity=(0.0, 0.0, 0.0))
+        lamp = {
+            "kind": "disc",
+            "position_mm": [-150.0, 0.0, 500.0],
+            "target_mm": [0.0, 0.0, DISTANCE_MM],
+            "radius_mm": value,
+            "irradiance": 0.9,
+            "reference_distance_mm": 250.0,
+        }
+        lighting = {"ambient": 0.2, "lights": [lamp]}
+        return build_reference_scene({"objects": [build_wall(), bar], "lighting": lighting})
+
+    def region_at(self, truth: xr.Dataset, value: float) -> Mask:
+        """Return the pixels within 6 px of a border of the shadow, or within its penumbra."""
+        near = truth["shadow_distance"].values <= _SHADOW_PX
+        return np.asarray(super().region_at(truth, value) & near & (truth["object_id"].values == 0))

@@ -117,7 +117,9 @@ def registrations_along_surfaces(
     images: NDArray[Any], positions: NDArray[np.float64], largest: int
 ) -> list[Registration]:
     """Return the disparities at which the images (channel, s, y, x) of a frame agree, with the cells of each."""
-    channels = np.ascontiguousarray(images, dtype=np.float32)
+    # Those of a store cannot be written to: with those of memory likewise, kernels have one signature.
+    channels = np.ascontiguousarray(images, dtype=np.float32).view()
+    channels.flags.writeable = False
     middle = find_working_point(np.concatenate(channels, axis=1), positions)
     reach = max(_SMALLEST_RANGE, images.shape[-1] // 16)
     wanted = [middle + offset for offset in sorted(range(-reach, reach + 1), key=abs)]
