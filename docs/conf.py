@@ -74,6 +74,7 @@ html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_js_files = ["site.js"]
 html_context = {"default_mode": "auto"}
+html_search_scorer = str(HERE / "_ext" / "scenetruth_site" / "search_ranking.js")
 html_copy_source = False
 html_show_sourcelink = False
 html_sidebars: dict[str, list[str]] = {"index": []}

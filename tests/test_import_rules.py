@@ -93,7 +93,7 @@ MAY_IMPORT = {
         *LEAVES,
         "results",
         *("scene", "camera", "raycast", "render", "truth", "resources", "provenance", "schema", "output"),
-        *("simulation", "estimators", "scoring", "bound", "jobs", "dataset", "benchmark", "capture"),
+        *("simulation", "pipeline", "estimators", "scoring", "bound", "jobs", "dataset", "benchmark", "capture"),
     },
     "capture": {
         *LEAVES,

@@ -67,6 +67,7 @@ def test_check_tells_precision_motion_and_their_ratio() -> None:
     assert "predicted precision per pixel, structure_tensor" in done.stdout
     assert "'cube': Depth" in done.stdout
     assert "'cube': Velocity in Z" in done.stdout
+    assert "precision: median over each object, with textures by formula; includes image noise" in done.stdout
     assert done.stdout.rstrip().endswith("the scene is valid")
 
 

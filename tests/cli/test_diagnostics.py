@@ -23,6 +23,7 @@ from scenetruth.cli.diagnostics import (
     check_rendering,
     check_terminal,
     is_fit,
+    print_checks,
     render_alone,
 )
 from tests.helpers.command_line import scenetruth
@@ -67,6 +68,21 @@ def test_only_ray_casting_is_needed() -> None:
     findings = check_rendering({**WORKS, "raycast": (False, "No module named 'embreex'")})
     assert not is_fit(findings)
     assert findings[0].remedy
+
+
+def test_renderers_that_are_not_installed_are_optional(capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing is wrong with an installation without OpenGL."""
+    nothing = dict.fromkeys(("osmesa", "egl"), (False, "No module named 'pyrender'"))
+    findings = check_rendering({**WORKS, **nothing})
+    assert findings[1].message == "not installed; not required: raycast renders all scenes"
+    print_checks(findings)
+    shown = "".join(capsys.readouterr())
+    assert shown.count("optional") == 2
+    assert "missing" not in shown
+    assert "scenes can be run" in shown
+    # Ray casting is needed, and Python's packages are.
+    print_checks(check_rendering({**WORKS, "raycast": (False, "No module named 'embreex'")}))
+    assert "broken" in "".join(capsys.readouterr())
 
 
 def test_packages_that_are_missing_or_old_are_named_with_the_command_that_installs_them() -> None:

@@ -123,6 +123,38 @@ def test_outputs_without_a_name(output: str) -> None:
     assert "must name a directory to create" in " ".join(done.stderr.split())
 
 
+COMMANDS_WITH_OUTPUT = (
+    "run cube",
+    "render cube",
+    "dataset run cubes",
+    "dataset preview cubes",
+    "compare structure_tensor",
+    "design sweep cube",
+    "design budget cube",
+    "capture import nothing",
+)
+
+
+@pytest.mark.parametrize("command", COMMANDS_WITH_OUTPUT)
+@pytest.mark.parametrize(
+    ("output", "problem"),
+    [
+        ("/proc/x/y", "cannot be written: no directory can be created in /proc (No such file or directory)"),
+        ("file/x", "cannot be created, because {0}/file is not a directory"),
+    ],
+)
+def test_outputs_that_cannot_be_created(
+    command: str, output: str, problem: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("")
+    # Neither are files read nor results looked for.
+    done = scenetruth(*command.split(), "-o", output)
+    assert done.returncode == 2
+    assert done.stderr == f"error: {output}: {problem.format(tmp_path)}; specify another output\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
 @pytest.mark.parametrize(
     "content", [b"", b"\xff\xfe\x00", b"[" * 10**5, b"a: &a [*a]", b"seed: 2020-13-45", b"\0", b"!x y"]
 )

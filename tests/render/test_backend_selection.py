@@ -22,6 +22,7 @@ from tests.helpers.scenes import SCENES, cube
 def no_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pretend that no OpenGL platform starts, and that this process has not loaded any."""
     monkeypatch.setattr(opengl, "_why_not", lambda platform: f"no {platform} here")
+    monkeypatch.setattr(opengl, "is_installed", lambda: True)
     monkeypatch.delitem(sys.modules, "OpenGL", raising=False)
 
 
@@ -55,6 +56,20 @@ def test_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "OpenGL", raising=False)
     with pytest.raises(BackendUnavailableError, match=r"pip install 'scenetruth\[opengl\]'"):
         opengl.use_platform("auto")
+
+
+def test_ray_casting_without_the_opengl_extra_is_no_fallback(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(opengl, "find_spec", lambda _: None)
+    for name in ("OpenGL", "pyrender"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    scene = cube(render={"backend": "auto"})
+    choice = choose_renderer(scene, build_scene(scene))
+    assert (choice.renderer.name, choice.fallback_reason) == ("raycast", "")
+    scene = cube(render={"backend": "pyrender"})
+    opengl._why_not.cache_clear()
+    with pytest.raises(BackendUnavailableError, match=r"pip install 'scenetruth\[opengl\]'"):
+        choose_renderer(scene, build_scene(scene))
+    opengl._why_not.cache_clear()
 
 
 def test_raycast_never_loads_opengl() -> None:
@@ -119,6 +134,7 @@ def test_packages_that_do_not_fit_together_are_no_backend(monkeypatch: pytest.Mo
         raise AttributeError("module 'numpy' has no attribute 'infty'")
 
     monkeypatch.setattr(opengl, "_why_not", lambda _: None)
+    monkeypatch.setattr(opengl, "is_installed", lambda: True)
     monkeypatch.setattr(pyrender_backend, "_Drawing", broken)
     scene = cube(render={"backend": "auto"})
     choice = choose_renderer(scene, build_scene(scene))

@@ -10,7 +10,7 @@ import pytest
 
 import scenetruth as st
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.scene.scene_report import check_scene
+from scenetruth.scene.scene_report import check_scene, describe_scene
 from tests.helpers.mesh_files import gltf
 from tests.helpers.scenes import LIBRARY, SCENES, cube
 
@@ -105,3 +105,36 @@ def test_materials_without_light_are_warned_of() -> None:
     scene = st.load_scene("cube", overrides=["objects.0.material.preset=printed_foil"])
     with pytest.warns(st.SceneWarning, match=r"material: no effect on 'cube', because the scene is unlit"):
         check_scene(scene, build_scene(scene))
+
+
+@pytest.mark.parametrize(
+    ("estimate", "difference"),
+    [
+        ({"method": "refined"}, None),
+        ({"method": "plane_sweep"}, None),
+        # The registration of each pixel is chosen.
+        ({"method": "structure_tensor"}, None),
+        ({"method": "structure_tensor", "working_point_px": "auto", "pyramid_levels": 1}, None),
+        # Disparities are 20 and 28 px: 24 px is in the middle.
+        ({"method": "structure_tensor", "working_point_px": "auto"}, 4.0),
+        ({"method": "structure_tensor", "working_point_px": 20}, 8.0),
+        ({"method": "structure_tensor", "working_point_px": 27}, 7.0),
+    ],
+)
+def test_warnings_about_disparities_fit_the_method(estimate: dict[str, Any], difference: float | None) -> None:
+    scene = cube(estimate=estimate)
+    product = scene.camera.focal_px * scene.stage.baseline_mm
+    report = describe_scene(scene, build_scene(scene), np.array([[product / 20, product / 28]]))
+    found = [message for message in report.warnings if "derivative" in message]
+    if difference is None:
+        assert found == []
+    else:
+        (message,) = found
+        assert f"by up to {difference:.1f} px; derivative filters are accurate up to about 1 px" in message
+
+
+def test_disparities_within_two_pixels_are_no_problem() -> None:
+    scene = cube(estimate={"method": "structure_tensor", "working_point_px": 20})
+    product = scene.camera.focal_px * scene.stage.baseline_mm
+    report = describe_scene(scene, build_scene(scene), np.array([[product / 19, product / 22]]))
+    assert not any("derivative" in message for message in report.warnings)

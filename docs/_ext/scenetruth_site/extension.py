@@ -19,6 +19,7 @@ from scenetruth.html import plotly_script
 from scenetruth_site.api import documented_names
 from scenetruth_site.generated import fill_in, generated_parts
 from scenetruth_site.redirects import write_redirects
+from scenetruth_site.search import connect_search, search_words
 from scenetruth_site.site_text import site_text
 
 __all__ = ["setup"]
@@ -40,8 +41,9 @@ def _made_anew(app: Sphinx, env: BuildEnvironment, added: set[str], changed: set
     for name in sorted(env.found_docs - removed):
         file = Path(app.srcdir, f"{name}.md")
         parts = generated_parts(file.read_text(encoding="utf-8")) if file.is_file() else []
-        if parts:
-            made = "".join(fill_in(f"<!-- generated: {part} -->") for part in parts)
+        words = " ".join(search_words().get(name, ()))
+        if parts or words:
+            made = "".join(fill_in(f"<!-- generated: {part} -->") for part in parts) + words
             now[name] = hashlib.sha256(made.encode()).hexdigest()
     env.scenetruth_parts = now
     return [name for name, digest in now.items() if before.get(name) != digest]
@@ -131,6 +133,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("env-get-outdated", _made_anew)
     app.connect("missing-reference", _public_name)
     app.connect("html-page-context", _no_empty_headings)
+    connect_search(app)
     app.connect("build-finished", _copy_shared)
     app.connect("build-finished", _redirect, priority=900)
     app.add_role("name_or_code", _name_or_code)

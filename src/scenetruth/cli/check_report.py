@@ -72,7 +72,7 @@ def print_check(scene: Scene, file: Path, limits: Limits, *, as_json: bool = Fal
 
 
 def _print_precision(scene: Scene, parts: Sequence[ObjectWorkload], *, shown: bool) -> list[str]:
-    from scenetruth.cli.design_analysis import precision_rows
+    from scenetruth.cli.design_analysis import precision_rows, print_included
     from scenetruth.design.prediction.method_models import all_method_models
     from scenetruth.design.prediction.predictor import predict_quickly, recommend
 
@@ -99,6 +99,7 @@ def _print_precision(scene: Scene, parts: Sequence[ObjectWorkload], *, shown: bo
             table.add_row(*map(visible, (f"'{name}': {title}", precision, there, ratio)))
     if table.row_count and shown:
         _console().print(table)
+        print_included("median over each object, with textures by formula")
     for note in found.notes if shown else ():
         print(f"note: {visible(note)}", file=sys.stdout)
     messages = recommend(scene, found, parts, painting=False)

@@ -18,7 +18,11 @@ if TYPE_CHECKING:
     from scenetruth.estimators import MethodSpec
     from scenetruth.scene import Scene
 
-__all__ = ["budget", "precision_rows", "predict", "sweep"]
+__all__ = ["budget", "precision_rows", "predict", "print_included", "sweep"]
+
+
+_INCLUDED = "image noise, texture, light, optics, and the window and motion model of the method"
+_NOT_INCLUDED = "errors of stage and calibration, and bias by curvature and edges, of `scenetruth design budget`"
 
 
 def budget(
@@ -241,8 +245,14 @@ def _print_prediction(prediction: Prediction, region: str) -> None:
     for name, text in rows.items():
         table.add_row(name, text)
     make_console().print(table)
+    print_included("median over the region")
     for note in prediction.notes:
         typer.echo(f"note: {visible(note)}")
+
+
+def print_included(of: str) -> None:
+    """Print the sources of error that a predicted precision includes; ``of``: statistic and region."""
+    typer.echo(f"precision: {of}; includes {_INCLUDED}; does not include {_NOT_INCLUDED}")
 
 
 def sweep(

@@ -31,10 +31,11 @@ def optimise(
     scheduler: options.Scheduler = None,
 ) -> None:
     """Optimise a camera rig by predicted uncertainty, and simulate the best candidates."""
-    from scenetruth.cli.console import reporting
+    from scenetruth.cli.console import print_warning, reporting
     from scenetruth.design.optimisation import optimise as find_rig
-    from scenetruth.design.optimisation.report.scene_file import PREVIEW_FILE
+    from scenetruth.design.optimisation.report.scene_file import PREVIEW_FILE, describe_cost, find_cost_problems
     from scenetruth.resources.limits import limits_from
+    from scenetruth.scene import Scene
 
     with reporting() as reporter:
         found = find_rig(
@@ -50,8 +51,18 @@ def optimise(
     _print_front(found)
     _print_lines(*found.summary().splitlines())
     names = ("index.html", "recommended.yaml", PREVIEW_FILE, "pareto_front.csv", "evaluations.csv", "design.json")
+    scene = Scene.from_dict(dict(found.recommended.scene))
+    _print_lines(f"a run of all images of recommended.yaml {describe_cost(scene)}")
+    for problem in find_cost_problems(scene):
+        print_warning(f"recommended.yaml: a run of all images is rejected on this machine: {problem}")
     _print_lines(f"preview of a part of its images: scenetruth run {output / PREVIEW_FILE} -o preview")
     print_wrote(output / name for name in names)
+
+
+_INCLUDED = (
+    "predicted: image noise as in `scenetruth design predict`, and stage errors and motion during a scan in quadrature",
+    "simulated: all errors against the ground truth, also bias by curvature and edges, and misaligned images",
+)
 
 
 def _print_lines(*lines: str) -> None:
@@ -88,6 +99,7 @@ def _print_front(found: DesignResult) -> None:
             )
         table.add_row(*(visible(cell, lines=False) for cell in cells))
     make_console().print(table)
+    _print_lines(*_INCLUDED)
 
 
 def pattern(

@@ -328,8 +328,9 @@ def check_rendering(answers: Mapping[str, tuple[bool, str]]) -> list[DoctorCheck
         rendered, text = answers[name]
         others = [other for other in opengl if other != name and answers[other][0]]
         if not rendered:
+            text = "not installed" if text.startswith("No module named") else text
             text += f"; not required: {others[0]} works" if others else "; not required: raycast renders all scenes"
-        remedy = "" if rendered or others else _remedy(name, text)
+        remedy = "" if rendered or others else _remedy(name, answers[name][1])
         label = f"pyrender ({name})"
         found.append(DoctorCheck("rendering", label, "ok" if rendered else "missing", text, remedy))
     return found
@@ -352,7 +353,9 @@ def run_checks() -> list[DoctorCheck]:
     return [*first, *check_rendering(answers), *rest]
 
 
-_STYLES = {"ok": "green", "missing": "yellow", "broken": "red"}
+_STYLES = {"ok": "green", "optional": "dim", "missing": "yellow", "broken": "red"}
+_OPTIONAL = ("rendering", "extras")
+"""Groups of which an installation lacks some: what is missing is no problem."""
 
 
 def print_checks(findings: Sequence[DoctorCheck]) -> None:
@@ -371,13 +374,14 @@ def print_checks(findings: Sequence[DoctorCheck]) -> None:
         if one.group != group:
             table.add_row(Text(one.group, style="bold"), "", "")
             group = one.group
+        state = "optional" if one.state == "missing" and one.group in _OPTIONAL and not one.needed else one.state
         table.add_row(
             f"  {visible(one.name, lines=False)}",
-            Text(one.state, style=_STYLES[one.state]),
+            Text(state, style=_STYLES[state]),
             visible(one.message, lines=False),
         )
         if one.remedy:
-            table.add_row("", "", Text(f"-> {visible(one.remedy, lines=False)}", style=_STYLES[one.state]))
+            table.add_row("", "", Text(f"-> {visible(one.remedy, lines=False)}", style=_STYLES[state]))
     make_console().print(table)
     fit = is_fit(findings)
     make_console().print("scenes can be run" if fit else "scenes cannot be run: fix the broken checks above")

@@ -136,10 +136,16 @@ class SchemaKind(StrEnum):
     capture = "capture"
 
 
-def _name_required(path: Path | None) -> Path | None:
-    if path is not None and path.name in ("", ".."):
+def _check_output(context: typer.Context, path: Path | None) -> Path | None:
+    """Return the output directory of a command; reject, before any work, a directory that cannot be created."""
+    if path is None or context.resilient_parsing:
+        return path
+    if path.name in ("", ".."):
         msg = "must name a directory to create; '.', '..' and '/' exist already"
         raise typer.BadParameter(msg)
+    from scenetruth.output.destinations import check_writable
+
+    check_writable(path)
     return path
 
 
@@ -226,7 +232,7 @@ Listed = Annotated[ListKind, typer.Argument(metavar="KIND", help=f"One of {', '.
 SchemaOf = Annotated[SchemaKind, typer.Argument(metavar="[KIND]", help=f"One of {', '.join(SchemaKind)}.")]
 
 # Options of several commands.
-Output = Annotated[Path, option("--output", "-o", metavar="DIR", help="Output directory.", callback=_name_required)]
+Output = Annotated[Path, option("--output", "-o", metavar="DIR", help="Output directory.", callback=_check_output)]
 
 OptionalOutput = Annotated[
     Path | None,
@@ -235,7 +241,7 @@ OptionalOutput = Annotated[
         "-o",
         metavar="DIR",
         help="Output directory; nothing is written without it.",
-        callback=_name_required,
+        callback=_check_output,
     ),
 ]
 

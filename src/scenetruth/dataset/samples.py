@@ -66,7 +66,8 @@ STATISTICS = {
     "flow_rms_px_per_frame": "RMS optical flow of the visible surfaces, px per frame",
     "flow_max_px_per_frame": "largest flow, px per frame",
     "velocity_z_median_mm_per_frame": "median of U_Z over the moving objects, mm per frame; 0 if none moves",
-    "growth_median_per_hour": "median growth rate of area over the growing objects, 1 per hour; 0 if none grows",
+    "growth_median_per_hour": "relative growth rate of area, 1/h: median over the pixels that show growing objects; "
+    "0 if none grows",
     "seen_share": "fraction of the image that shows a surface",
     "occluded_share": "fraction of the visible surface that is occluded in another camera",
     "mixed_share": "fraction of mixed pixels in the image",

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import tempfile
 from pathlib import Path
 
 from scenetruth.errors import StoreError
 from scenetruth.output.locks import this_writer
 
-__all__ = ["check_destination"]
+__all__ = ["check_destination", "check_writable"]
 
 _NAME_BYTES = 255
+_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 def check_destination(target: str | Path) -> Path:
@@ -28,6 +31,28 @@ def check_destination(target: str | Path) -> Path:
     _refuse_position(shown, place)
     _refuse_parent(shown, place)
     return place
+
+
+def check_writable(target: str | Path) -> None:
+    """Raise if a target does not exist, and cannot be created."""
+    shown = Path(target)
+    try:
+        place = Path(os.path.realpath(shown))
+        if os.path.lexists(place):
+            return
+    except (OSError, ValueError) as error:
+        raise StoreError(repr(str(target)), f"is not a valid output path: {error}; specify another output") from error
+    _refuse_name(shown, place)
+    folder = _refuse_parent(shown, place)
+    try:
+        # Virtual file systems reject directories whatever the permissions are.
+        with tempfile.TemporaryDirectory(prefix=".scenetruth-", dir=folder):
+            pass
+    except OSError as error:
+        if error.errno in _FULL:
+            return
+        message = f"cannot be written: no directory can be created in {folder} ({error.strerror or error})"
+        raise StoreError(shown, f"{message}; specify another output") from error
 
 
 def _refuse_name(shown: Path, place: Path) -> None:
@@ -48,7 +73,8 @@ def _refuse_position(shown: Path, place: Path) -> None:
         raise StoreError(shown, f"is the current directory, or contains it; {remedy}, or change the directory")
 
 
-def _refuse_parent(shown: Path, place: Path) -> None:
+def _refuse_parent(shown: Path, place: Path) -> Path:
+    """Return the nearest existing directory above a target."""
     for folder in place.parents:
         if not os.path.lexists(folder):
             continue
@@ -56,4 +82,5 @@ def _refuse_parent(shown: Path, place: Path) -> None:
             raise StoreError(shown, f"cannot be created, because {folder} is not a directory; specify another output")
         if not os.access(folder, os.W_OK | os.X_OK):
             raise StoreError(shown, f"cannot be created, because {folder} is not writable; specify another output")
-        return
+        return folder
+    return Path(place.anchor)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from scenetruth.camera import Camera
 from scenetruth.errors import BackendUnavailableError
+from scenetruth.render import opengl
 from scenetruth.render.lens_and_shutter import open_behind_lens
 from scenetruth.render.renderer import Renderer
 from scenetruth.scene.built_scene import BuiltScene
@@ -38,6 +39,7 @@ def choose_renderer(scene: Scene, world: BuiltScene, wrap: Wrap | None = None) -
     ``wrap``: Applied to the renderer of sharp images, before lens and shutter.
 
     Order of ``auto``: ``pyrender`` on OSMesa, on EGL, ``raycast``, which lens distortion and rolling shutter require.
+    Without the packages of the extra `opengl`, ray casting is no fallback, and has no reason.
     """
     settings = scene.render
     reason = ""
@@ -45,6 +47,8 @@ def choose_renderer(scene: Scene, world: BuiltScene, wrap: Wrap | None = None) -
         curved = scene.needs_rays
         if curved and settings.backend == "auto":
             return _raycast(scene, world, wrap, f"OpenGL cannot render {curved}; rendered by ray casting instead")
+        if settings.backend == "auto" and not opengl.is_installed():
+            return _raycast(scene, world, wrap, "")
         try:
             return _pyrender(scene, world, wrap)
         except BackendUnavailableError as error:

@@ -12,7 +12,7 @@ from pathlib import Path
 from scenetruth.errors import BackendUnavailableError
 from scenetruth.render.opengl_probe import ANSWER
 
-__all__ = ["PLATFORMS", "REMEDIES", "use_platform"]
+__all__ = ["PLATFORMS", "REMEDIES", "is_installed", "use_platform"]
 
 PLATFORMS = ("osmesa", "egl")
 """Platforms in order of preference."""
@@ -27,6 +27,11 @@ _NO_PACKAGE = "pip install 'scenetruth[opengl]'"
 _PACKAGES = ("pyrender", "OpenGL")
 # The probe runs in a separate process, because a defective library may abort it.
 _PROBE = Path(__file__).with_name("opengl_probe.py")
+
+
+def is_installed() -> bool:
+    """Return whether the packages of the extra `opengl` are installed; an installation without them is normal."""
+    return all(name in sys.modules or find_spec(name) is not None for name in _PACKAGES)
 
 
 def use_platform(wanted: str) -> str:

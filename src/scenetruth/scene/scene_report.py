@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ __all__ = ["ObjectReport", "SceneReport", "check_scene", "describe_scene", "find
 
 # Perturbation that gives a ray direction unlikely to be aligned with edges or faces.
 _UNSTEADY = 1e-3
+_MOST_RESIDUAL_PX = 2.0
 _BRIGHTER = 1e-3  # by which splines may exceed the values of a texture
 _GENERIC_DIRECTION = np.array([0.351938, 0.681273, 0.641873])
 
@@ -250,11 +252,7 @@ def describe_scene(
     messages += _lamp_warnings(scene, world)
     ends = (float(disparity.min()), float(disparity.max())) if seen.size else (0.0, 0.0)
     span = (ends[0] - round(mean), ends[1] - round(mean))
-    if max(map(abs, span)) > 2:
-        messages.append(
-            f"the residual disparity after registration is {max(map(abs, span)):.1f} px per step; derivative filters "
-            "work best up to about 1 px: reduce the baseline or the depth range"
-        )
+    messages += _registration_warnings(scene, ends, mean)
     return SceneReport(
         image_count=images,
         recording_bytes=images * pixels * sample,
@@ -265,6 +263,29 @@ def describe_scene(
         objects=tuple(reports),
         warnings=tuple(messages),
     )
+
+
+def _registration_warnings(scene: Scene, ends: tuple[float, float], mean: float) -> list[str]:
+    """Return a warning if the method registers all pixels by one disparity, far from those of the scene.
+
+    Derivative filters of `structure_tensor` need residual displacements of about a pixel; by default, it chooses the
+    registration of each pixel. Other methods have no derivative filters.
+    """
+    if scene.estimate.method != "structure_tensor":
+        return []
+    settings: Any = scene.estimate.settings
+    fixed = settings.working_point_px
+    if fixed == "per_pixel" or (fixed == "auto" and settings.pyramid_levels > 0):
+        return []
+    if fixed == "auto":
+        fixed = round(mean)
+    left = max(abs(disparity - fixed) for disparity in ends)
+    if left <= _MOST_RESIDUAL_PX or ends == (0.0, 0.0):
+        return []
+    return [
+        f"estimate.working_point_px: disparities differ from {fixed} px per step by up to {left:.1f} px; derivative "
+        "filters are accurate up to about 1 px: use 'per_pixel', or reduce the baseline or the depth range"
+    ]
 
 
 def _inspect(

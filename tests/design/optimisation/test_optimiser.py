@@ -81,6 +81,7 @@ def test_the_answer_lies_in_its_folder(found: DesignResult, folder: Path) -> Non
     scene = st.load_scene(folder / "recommended.yaml")
     assert scene == st.Scene.from_dict(dict(found.recommended.scene))
     assert scene.stage.baseline_mm == found.recommended.parameters["stage.baseline_mm"]
+    assert "# A run of all images takes about " in (folder / "recommended.yaml").read_text()
     part = st.load_scene(folder / "recommended_preview.yaml")
     # As simulations had it: 48 px and the disparity, of 64.
     assert part.camera.width * part.camera.height < 0.8 * scene.camera.width * scene.camera.height

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from scenetruth.number_format import format_number, format_percent_value
@@ -70,6 +72,19 @@ def test_without_truth_medians_are_told(full_case: Case) -> None:
     assert f"The density is {format_percent_value(found['depth'].density)} %" in depth.rest
     assert motion.title == "Velocity in Z"
     assert depth.where == ""
+
+
+def test_growth_is_a_headline_with_its_standard_deviation_only(full_case: Case) -> None:
+    """Growth in windows, which the report computes itself, has none; a still surface would seem to grow."""
+    found = describe_maps(full_case.estimate)
+    growing = dataclasses.replace(
+        found["velocity_z"], title="Growth rate", units="%/h", median=1.13, median_std=None, median_common=None
+    )
+    assert [one.title for one in summarise_estimate(found | {"growth_rate": growing})] == ["Depth", "Velocity in Z"]
+    stated = dataclasses.replace(growing, median_std=0.25)
+    growth = summarise_estimate(found | {"growth_rate": stated})[-1]
+    assert (growth.title, growth.figure) == ("Growth rate", "1.13")
+    assert "with a median stated standard deviation of 0.250 %/h" in growth.rest
 
 
 def test_the_common_part_of_standard_deviations_is_stated(full_case: Case) -> None:

@@ -293,7 +293,10 @@ def summarise_score(score: Score, viewer: Viewer) -> list[SummarySentence]:
 
 
 def summarise_estimate(summaries: Mapping[str, MapSummary]) -> list[SummarySentence]:
-    """Return one sentence each about depth, motion and growth of an estimate without truth."""
+    """Return one sentence each about depth, motion and growth of an estimate without truth.
+
+    Growth is omitted if its standard deviation is unknown.
+    """
     found = []
     wanted = (("depth", "disparity"), ("velocity_z", "flow_x"), ("growth_rate",))
     for names in wanted:
@@ -301,6 +304,9 @@ def summarise_estimate(summaries: Mapping[str, MapSummary]) -> list[SummarySente
         if name is None:
             continue
         entries = summaries[name]
+        # Growth is a small difference of large numbers: without a standard deviation, it may be noise.
+        if name == "growth_rate" and entries.median_std is None:
+            continue
         bar = ""
         if entries.median_std is not None:
             bar = f", with a median stated standard deviation of {format_number(entries.median_std)} {entries.units}"

@@ -132,6 +132,11 @@ def test_scene_files_run(sample: DesignResult, tmp_path: Path) -> None:
     assert shown.camera.height < 100 < load_scene(tmp_path / file.name).camera.height
     assert "scenetruth run recommended_preview.yaml -o outputs/recommended_preview" in said_in(text)
     assert "rotations:\n" in file.text
+    # Hours and memory of the full images are those of `scenetruth check`, in the words of the page.
+    assert re.search(
+        r"A run of full images .* takes about [0-9]+ min of processor time, [0-9.]+ GB of memory", said_in(text)
+    )
+    assert "Predictions include image noise, stage errors and motion during a scan." in said_in(text)
     # Short lists stand on one line.
     assert "size_mm: [40, 30]" in file.text
 

@@ -36,6 +36,7 @@ from scenetruth.design.optimisation.report.scene_file import (
     build_preview,
     build_preview_file,
     build_scene_file,
+    describe_cost,
     format_yaml,
 )
 from scenetruth.design.optimisation.report.side_view import assign_colours, describe_side_view, draw_side_views
@@ -50,6 +51,7 @@ from scenetruth.number_format import (
 )
 from scenetruth.output import write_atomically
 from scenetruth.results import to_plain_data
+from scenetruth.scene import Scene
 
 __all__ = [
     "ObjectiveResult",
@@ -267,6 +269,7 @@ def write_design_page(design: DesignResult, folder: str | Path) -> Path:
         outlines=list(zip(view.outlines, assign_colours(view), strict=True)),
         parameters=build_parameter_table(design),
         file=build_scene_file(design.recommended, "recommended.yaml"),
+        cost=describe_cost(Scene.from_dict(design.recommended.scene)),
         preview=build_preview_file(design),
         preview_changes=build_preview(design).changes,
         front=build_front_table(design),
@@ -307,6 +310,8 @@ FRONT_FILE, RIG_FILE = "pareto_front.csv", "recommended.yaml"
 def write_design_files(design: DesignResult, folder: Path) -> None:
     """Write a design: ``recommended.yaml`` and its preview, tables, ``design.json``, ``index.html``."""
     head = f"# {design.title}: the recommended rig. Run: scenetruth run {RIG_FILE} -o results\n"
+    cost = describe_cost(Scene.from_dict(design.recommended.scene))
+    head += f"# A run of all images {cost}; preview: {PREVIEW_FILE}\n"
     text = head + yaml.safe_dump(to_plain_data(design.recommended.scene), sort_keys=False, allow_unicode=True)
     _write_text(folder / RIG_FILE, text)
     light = build_preview(design)

@@ -5,18 +5,34 @@ from __future__ import annotations
 import base64
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from scenetruth.design.optimisation.confirmation import ReducedScene, reduce_scene
 from scenetruth.design.optimisation.design_records import RigDesign
 from scenetruth.design.optimisation.design_result import DesignResult
 from scenetruth.design.optimisation.specification import ConfirmationSpec
+from scenetruth.errors import SceneError
+from scenetruth.pipeline import STAGES, compute_method_workload
+from scenetruth.resources import (
+    Forecast,
+    Limits,
+    compute_workload,
+    estimate_cost,
+    inspect_machine,
+    limited_objects,
+    machine_problems,
+)
 from scenetruth.scene import Scene
 
-__all__ = ["PREVIEW_FILE", "SceneFile", "build_preview", "build_preview_file", "build_scene_file", "format_yaml"]
+__all__ = [
+    "PREVIEW_FILE", "SceneFile", "build_preview", "build_preview_file", "build_scene_file", "describe_cost",
+    "find_cost_problems", "format_yaml",
+]  # fmt: skip
 
 
+_HOUR_S, _GB = 3600.0, 1e9
 PREVIEW_FILE = "recommended_preview.yaml"
 """Name of the preview file."""
 
@@ -25,6 +41,36 @@ def build_preview(design: DesignResult) -> ReducedScene:
     """Return the scene of reduced cost of the recommended rig, as in the confirmation runs."""
     max_size_px = (design.specification.get("confirmation") or {}).get("max_size_px") or ConfirmationSpec().max_size_px
     return reduce_scene(Scene.from_dict(design.recommended.scene), design.objectives[0].region, max_size_px)
+
+
+def _forecast(scene: Scene, slower: float | None) -> Forecast:
+    parts = limited_objects(scene, Limits(), Path())
+    demand = replace(compute_workload(scene, parts), effort=compute_method_workload([scene.estimate]))
+    return estimate_cost(demand, STAGES, slower)
+
+
+def describe_cost(scene: Scene) -> str:
+    """Return the estimated cost of a run of all images, as text.
+
+    The time is that of the machine on which the constants of the estimate were measured: files of equal designs are
+    equal on all machines.
+    """
+    try:
+        cost = _forecast(scene, 1.0)
+    except SceneError as error:
+        return f"exceeds the default limits: {'; '.join(map(str, error.problems))}"
+    hours = cost.seconds / _HOUR_S
+    time = f"{hours:.2g} h" if hours >= 1 else f"{max(60 * hours, 1):.0f} min"
+    memory, disk = cost.memory_bytes / _GB, cost.disk_bytes / _GB
+    return f"takes about {time} of processor time, {memory:.2g} GB of memory and {disk:.2g} GB of disk space"
+
+
+def find_cost_problems(scene: Scene) -> list[str]:
+    """Return the reasons why this machine, with the default limits, rejects a run of all images."""
+    try:
+        return [str(each) for each in machine_problems(_forecast(scene, None), inspect_machine(Path()), Limits())]
+    except SceneError as error:
+        return [str(each) for each in error.problems]
 
 
 @dataclass(frozen=True)

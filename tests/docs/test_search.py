@@ -1,0 +1,93 @@
+"""The search of the site finds the page that answers a question among the first three."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from scenetruth_site.search import RANKING, connect_search, search_words
+from scenetruth_site.toctrees import pages_of
+from tests.helpers.site_search import DOCS, first_pages
+
+QUESTIONS = {
+    "add noise": "how_to/scenes/sensors",
+    "kind / status": "reference/data_model",
+    "how errors are defined": "reference/statistics",
+    "how to cite": "index",
+    "how much disk": "how_to/generate_data_sets",
+    "add a motion": "how_to/add_motion",
+    "growth rate": "explanation/growth_rate",
+    "write a method": "how_to/write_a_method",
+    "compare methods": "how_to/compare_methods",
+    "baseline_mm": "reference/scene_file/stage",
+    "print a pattern": "how_to/print_a_pattern",
+    "install": "get_started",
+    "calibrate": "how_to/calibrate_a_rig",
+    "external program": "how_to/external_programs",
+    "strain": "how_to/compute_strain",
+    "units": "reference/conventions",
+    "catalogue columns": "reference/catalogue_columns",
+    "choose a method": "how_to/choose_a_method",
+    "real images": "how_to/read_real_images",
+    "lens distortion": "how_to/scenes/camera_effects",
+    "lights": "how_to/scenes/light_and_materials",
+    "texture": "how_to/scenes/textures",
+    "error bars": "how_to/uncertainty_of_a_capture",
+    "export": "how_to/export",
+    "cluster": "how_to/run_on_a_cluster",
+    "glossary": "reference/glossary",
+    "limitations": "reference/limitations",
+    "resume an interrupted run": "how_to/run_from_cli",
+    "environment variables": "reference/environment",
+    "occlusion": "reference/data_model",
+}
+# Rare words of decisions and of the changelog: these pages are found, but last.
+RARE = ("embree", "pydantic", "interrupted")
+
+
+@cache
+def found() -> dict[str, list[str]]:
+    return first_pages([*QUESTIONS, *RARE], 1000)
+
+
+def is_history(page: str) -> bool:
+    return page.startswith(("changelog", "explanation/decisions/"))
+
+
+@pytest.mark.parametrize("question", QUESTIONS)
+def test_questions_lead_to_their_page(question: str) -> None:
+    assert QUESTIONS[question] in found()[question][:3]
+
+
+@pytest.mark.parametrize("question", [*QUESTIONS, *RARE])
+def test_decisions_and_changelog_come_last(question: str) -> None:
+    history = [is_history(page) for page in found()[question]]
+    assert history == sorted(history)
+
+
+def test_decisions_are_found() -> None:
+    assert all(any(map(is_history, found()[word])) for word in RARE)
+
+
+def test_search_words_are_of_pages() -> None:
+    assert set(search_words()) <= pages_of(DOCS)
+
+
+def test_sphinx_indexes_the_search_words(tmp_path: Path) -> None:
+    """The pages of the index above are those of Sphinx: keywords become terms, and the search page has the ranking."""
+    sphinx = pytest.importorskip("sphinx.application")
+    (tmp_path / "index.rst").write_text("First page\n==========\n\nNothing to see.\n")
+    (tmp_path / "conf.py").write_text(f"html_search_scorer = {str(RANKING)!r}\n")
+    out = tmp_path / "out"
+    app = sphinx.Sphinx(tmp_path, tmp_path, out, tmp_path / "trees", "html", status=None, warning=None)
+    connect_search(app)
+    app.build()
+    text = (out / "searchindex.js").read_text()
+    index = json.loads(text[text.index("(") + 1 : text.rindex(")")])
+    assert {"cite", "licenc"} <= set(index["terms"])
+    assert "var Scorer" in (out / "_static" / "language_data.js").read_text()
+    assert "const SEARCH_WORDS = " in (out / "search.html").read_text()
+    assert "SEARCH_WORDS" not in (out / "index.html").read_text()
