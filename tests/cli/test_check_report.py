@@ -65,7 +65,10 @@ def test_check_tells_what_is_foreseen_and_what_there_is() -> None:
         ),
         (
             ["render.backend=pyrender"],
-            ["rendering textures by OpenGL; light, shadows and gloss by ray casting", "lamps with a size are predicted"],
+            [
+                "rendering textures by OpenGL; light, shadows and gloss by ray casting",
+                "lamps with a size are predicted",
+            ],
         ),
     ],
 )
