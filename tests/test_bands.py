@@ -355,6 +355,13 @@ def test_what_supports_grey_cameras_only_says_so(tmp_path: Path) -> None:
     for refuse in (st.design.predict, st.design.budget):
         with pytest.raises(st.SceneError, match=r"camera\.bands: .*Scene\.in_band"):
             refuse(plain)
+    for light in (
+        lambda: st.simulate(plain, truth_content="complete_with_light"),
+        lambda: st.make_truth(plain, truth_content="complete_with_light"),
+        lambda: st.run_scene(plain, output=tmp_path / "run", truth_content="complete_with_light"),
+    ):
+        with pytest.raises(st.SceneError, match=r"camera\.bands: maps of light are for grey cameras.*Scene\.in_band"):
+            light()
     with pytest.raises(st.SceneError, match=r"render\.backend: OpenGL cannot render bands; use raycast or auto"):
         st.simulate({**plain, "render": {"backend": "pyrender"}})
     with pytest.raises(st.ArgumentError, match=r"band: is not one of the bands of the camera \(red, green, nir_850\)"):

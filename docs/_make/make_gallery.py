@@ -34,14 +34,16 @@ where growth varies over the surface, it shows the areal growth rate. `scenetrut
 scene, from the checkout or installed; `make gallery` redraws the pictures.
 """
 
-LIGHT = """## Light
+LIGHT = """## Light and colour
 
-[Gloss and transmission](../how_to/scenes/light_and_materials.md#maps-of-light) of bundled scenes with other materials \
-and lamps, with maps of light (`python docs/_make/draw_light.py`).
+Bundled scenes with other [materials and lamps](../how_to/scenes/light_and_materials.md#maps-of-light), with maps of \
+light, and with [bands](../how_to/scenes/colour.md) (`python docs/_make/draw_light.py`).
 
-![Glossy rosette: image, share of specular light, lit fraction](../how_to/scenes/glossy_rosette.png)
+![Glossy rosette under a ring lamp: image, share of specular light, lit fraction](../how_to/scenes/glossy_rosette.png)
 
 ![Backlit leaf: image, share of transmitted light, lit fraction](../how_to/scenes/backlit_leaf.png)
+
+![Cube with colour charts: image, and its bands red, green and blue](../how_to/scenes/colour_chart.png)
 """
 
 

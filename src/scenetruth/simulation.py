@@ -40,6 +40,7 @@ from scenetruth.truth import (
     count_tasks_at_once,
     memory_for,
     refuse_arguments,
+    refuse_light_of_bands,
     truth_from_world,
 )
 
@@ -158,6 +159,7 @@ def simulate(
     """
     refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
     scene = load_scene(scene, overrides=overrides)
+    refuse_light_of_bands(scene, truth_content)
     refuse_beyond_limits(scene, limits)
     choice = TruthOptions(truth_views, truth_poses, truth_content)
     work = _Work(scene, save_radiance=save_radiance, progress=progress)
@@ -231,6 +233,7 @@ def make_truth(
     """
     refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
     scene = load_scene(scene, overrides=overrides)
+    refuse_light_of_bands(scene, truth_content)
     refuse_beyond_limits(scene, limits)
     world = build_scene(scene)
     check_scene(scene, world)

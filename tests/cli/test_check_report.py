@@ -55,6 +55,33 @@ def test_check_tells_what_is_foreseen_and_what_there_is() -> None:
         assert words in done.stdout
 
 
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        (["camera.bands=[red, nir_850]"], ["bands red, nir_850", "lamps 1 sphere"]),
+        (
+            ["camera.bands=[red, nir_850]", "render.backend=auto"],
+            ["rendering ray casting, because OpenGL cannot render bands"],
+        ),
+        (
+            ["render.backend=pyrender"],
+            [
+                "rendering textures by OpenGL; light, shadows and gloss by ray casting",
+                "lamps with a size are predicted",
+            ],
+        ),
+    ],
+)
+def test_check_names_lamps_bands_and_the_renderer(changes: list[str], told: list[str]) -> None:
+    lamp = "{kind: sphere, position_mm: [0, -200, 300], radius_mm: 5, irradiance: 0.8, reference_distance_mm: 300}"
+    settings = [word for change in (f"lighting.lights=[{lamp}]", *changes) for word in ("--set", change)]
+    done = scenetruth("check", SCENES / "cube.yaml", *settings)
+    assert done.returncode == 0, done.stderr
+    words = " ".join(done.stdout.replace("│", " ").split())
+    for each in told:
+        assert each in words
+
+
 @pytest.mark.parametrize("command", ["check", "render", "run"])
 def test_bounds_are_kept_by_every_command_and_limits_allow_more(command: str, tmp_path: Path) -> None:
     output = [] if command == "check" else ["-o", str(tmp_path / "out")]

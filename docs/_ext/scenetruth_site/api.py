@@ -12,7 +12,10 @@ from pydantic import BaseModel
 __all__ = ["API", "api_in_markdown", "documented_names"]
 
 API: dict[str, dict[str, tuple[str, ...]]] = {
-    "scenes": {"scenetruth": ("load_scene", "Scene", "Limits")},
+    "scenes": {
+        "scenetruth": ("load_scene", "Scene", "Limits"),
+        "scenetruth.scene": ("leaf_material", "BladeSpectrum"),
+    },
     "simulation": {
         "scenetruth": (
             "simulate",
@@ -23,7 +26,8 @@ API: dict[str, dict[str, tuple[str, ...]]] = {
             "RunDirectory",
             "verify",
         ),
-        "scenetruth.camera": ("two_point_correction",),
+        "scenetruth.camera": ("two_point_correction", "demosaic"),
+        "scenetruth.camera.sensor": ("demosaic_wave", "predict_displacement"),
         "scenetruth.capture": ("simulate_capture", "CaptureSimulation"),
     },
     "capture": {

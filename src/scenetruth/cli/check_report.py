@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -165,6 +166,7 @@ def _print_table(scene: Scene, file: Path, report: SceneReport, faces: Mapping[s
         **_stage_rows(stage, frames),
         "focal length": f"{camera.focal_px:g} px",
         **_lens_rows(scene, report),
+        **_light_rows(scene),
         "recording": _megabytes(report.recording_bytes),
         "truth": _megabytes(report.truth_bytes),
     }
@@ -284,6 +286,20 @@ def _lens_rows(scene: Scene, report: SceneReport) -> dict[str, str]:
         rows["shutter"] = f"open for {shutter.exposure_time_s:g} s" + (
             f", last row {shutter.readout_time_s:g} s after the first" if shutter.readout_time_s > 0 else ""
         )
+    return rows
+
+
+def _light_rows(scene: Scene) -> dict[str, str]:
+    rows = {"bands": ", ".join(scene.camera.bands)} if scene.camera.bands else {}
+    lamps = Counter(lamp.kind for lamp in scene.lighting.lights)
+    if lamps:
+        rows["lamps"] = ", ".join(f"{count} {kind}" for kind, count in lamps.items())
+    backend = scene.render.backend
+    if backend == "auto" and scene.needs_rays:
+        rows["rendering"] = f"ray casting, because OpenGL cannot render {scene.needs_rays}"
+    elif backend != "raycast" and scene.lighting.lit:
+        available = " if available" if backend == "auto" else ""
+        rows["rendering"] = f"textures by OpenGL{available}; light, shadows and gloss by ray casting"
     return rows
 
 

@@ -20,6 +20,7 @@ from scenetruth.truth.truth_dataset import (
     interior_warnings,
     memory_for,
     refuse_arguments,
+    refuse_light_of_bands,
     truth_from_world,
 )
 
@@ -27,5 +28,5 @@ __all__ = [
     "Geometries", "GeometryPass", "LightProvider", "PixelPoints", "PointTracker", "SurfacePoints", "TruthMaps",
     "TruthOptions", "TruthPoses", "TruthTasks", "TruthViews", "blank_truth", "compile_visibility",
     "count_tasks_at_once", "fill_truth", "find_visible_points", "interior_warnings", "memory_for", "refuse_arguments",
-    "track_points", "truth_by_rows", "truth_from_world", "truth_maps",
+    "refuse_light_of_bands", "track_points", "truth_by_rows", "truth_from_world", "truth_maps",
 ]  # fmt: skip

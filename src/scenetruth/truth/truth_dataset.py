@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from scenetruth.camera import ImageAcquisition, Schedule, Stage
 from scenetruth.compilation import thread_count
-from scenetruth.errors import ArgumentError, Problem
+from scenetruth.errors import ArgumentError, Problem, SceneError
 from scenetruth.memory import release_memory, retained_memory
 from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
@@ -154,6 +154,13 @@ def refuse_arguments(scene: Any, truth_views: Any, truth_poses: Any, truth_conte
         problems.insert(0, Problem("scene", message, type(scene).__name__))
     if problems:
         raise ArgumentError(problems)
+
+
+def refuse_light_of_bands(scene: Scene, content: TruthMaps) -> None:
+    """Raise a SceneError if maps of light are chosen for a camera with bands."""
+    if content == "complete_with_light" and scene.camera.bands:
+        message = "maps of light are for grey cameras; choose other maps, or one band with `Scene.in_band`"
+        raise SceneError([Problem("camera.bands", message, list(scene.camera.bands))])
 
 
 def truth_from_world(

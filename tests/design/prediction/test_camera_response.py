@@ -59,6 +59,7 @@ def test_the_ideal_sensor_has_no_noise() -> None:
     assert told.level.tolist() == [0.2, 0.7]
 
 
+LAMP = {"position_mm": [60, 0, 300], "irradiance": 0.9, "reference_distance_mm": 300}
 LIGHTS: list[dict[str, Any]] = [
     {"ambient": 0.3},
     {"ambient": 0.1, "lights": [{"kind": "directional", "direction": [0.5, 0.2, 1.0], "irradiance": 0.8}]},
@@ -76,10 +77,12 @@ LIGHTS: list[dict[str, Any]] = [
             }
         ]
     },
+    {"lights": [LAMP | {"kind": "disc", "target_mm": [-20, 30, 600], "radius_mm": 1}]},
+    {"lights": [LAMP | {"kind": "sphere", "radius_mm": 1}]},
 ]
 
 
-@pytest.mark.parametrize("lighting", LIGHTS, ids=["ambient", "directional", "point", "spot"])
+@pytest.mark.parametrize("lighting", LIGHTS, ids=["ambient", "directional", "point", "spot", "disc", "sphere"])
 def test_light_is_that_of_rendered_images(lighting: dict[str, Any]) -> None:
     """Of a surface of radiance 1, images are the light itself: to float32 and the curvature of light in a pixel."""
     plain = wall(

@@ -173,6 +173,16 @@ def test_what_is_left_out_is_told() -> None:
     assert "stage errors" in notes
 
 
+def test_materials_and_sizes_of_lamps_are_not_predicted() -> None:
+    lamp = {"kind": "sphere", "position_mm": [0, -200, 300], "radius_mm": 5, "irradiance": 0.8}
+    lit = {"ambient": 0.2, "lights": [lamp | {"reference_distance_mm": 300}]}
+    glossy = wall()["objects"][0] | {"material": {"refractive_index": 1.5, "roughness": 0.2}}
+    notes = predict(wall(objects=[glossy], lighting=lit)).notes
+    assert "surfaces with a material are predicted as matt: wall" in notes
+    assert "lamps with a size are predicted as small lamps at their centres" in notes
+    assert not any("matt" in note or "size" in note for note in predict(wall(lighting={"ambient": 0.2})).notes)
+
+
 @pytest.mark.parametrize("file", ["cube", "plane", "relief"])
 def test_scenes_of_the_library_are_predicted(file: str) -> None:
     told = predict(SCENES / f"{file}.yaml")

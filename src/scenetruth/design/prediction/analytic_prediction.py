@@ -183,18 +183,26 @@ def _summarise_inputs(
 def _notes(scene: Scene, look: SurfaceSamples, unknown: Sequence[str], *, painting: bool) -> tuple[str, ...]:
     """Return the effects that are not included in a prediction."""
     seen = {look.names[number] for number in np.unique(look.body)}
-    veined = [item.name for _, item in scene.parts if item.name in seen and not _is_exact(item.texture.kind)]
-    names = ", ".join(veined[:_MOST_NAMES]) + (" and others" if len(veined) > _MOST_NAMES else "")
+    shown = [item for _, item in scene.parts if item.name in seen]
+    veined = [item.name for item in shown if not _is_exact(item.texture.kind)]
+    coated = [item.name for item in shown if not item.material.matt]
+    lighting = scene.lighting
     found: Mapping[str, bool] = {
         f"omitted, because their files are slow to read: {', '.join(look.left_out)}": bool(look.left_out),
         f"omitted, because their textures must be painted first: {', '.join(unknown)}": bool(unknown),
-        f"leaf veins are not included, so the precision is better than predicted: {names}": bool(veined)
+        f"leaf veins are not included, so the precision is better than predicted: {_listed(veined)}": bool(veined)
         and not painting,
         "lens distortion is not included": scene.camera.distortion is not None,
         "stage errors are not included": bool(scene.stage.stated_tolerances()) or scene.stage.errors is not None,
-        "shadows are not included": scene.lighting.lit and scene.lighting.shadows and bool(scene.lighting.lights),
+        "shadows are not included": lighting.lit and lighting.shadows and bool(lighting.lights),
+        f"surfaces with a material are predicted as matt: {_listed(coated)}": lighting.lit and bool(coated),
+        "lamps with a size are predicted as small lamps at their centres": lighting.has_areas,
     }
     return tuple(words for words, holds in found.items() if holds)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:_MOST_NAMES]) + (" and others" if len(names) > _MOST_NAMES else "")
 
 
 def _too_fine(look: SurfaceSamples, seen: ImagedTexture) -> Iterator[str]:

@@ -121,7 +121,10 @@ def compute_grey_levels(sensor: Any, radiance: Array) -> GreyLevelNoise:
 
 
 def compute_irradiance(scene: Scene, points_mm: Array, normals: Array) -> Array:
-    """Return radiance / texture value at world points with unit normals towards the camera at t = 0, unshadowed."""
+    """Return radiance / texture value of matt surfaces at world points with unit normals towards the camera at t = 0.
+
+    Shadows are not included, and a lamp with a size has the light of a small lamp at its centre.
+    """
     lighting = scene.lighting
     factor = np.full(len(points_mm), lighting.brightness(0.0))
     if not lighting.lit:
@@ -136,6 +139,8 @@ def compute_irradiance(scene: Scene, points_mm: Array, normals: Array) -> Array:
         beam = away / length[:, None]
         part = lamp.irradiance * (lamp.reference_distance_mm / length) ** 2
         part = part * np.maximum(-(normals * beam).sum(axis=1), 0.0)
+        if lamp.area is not None and lamp.area.shape != "sphere":
+            part = part * np.maximum(beam @ lamp.axis, 0.0)
         if lamp.cos_inner > -1.0:
             span = max(lamp.cos_inner - lamp.cos_outer, 1e-12)
             share = np.clip((beam @ lamp.axis - lamp.cos_outer) / span, 0.0, 1.0)
