@@ -86,6 +86,7 @@ class _View:
     ``body``, ``distance_mm``: Body and distance from the camera at each pixel, shape (height, width).
     ``pixel_angle``: Largest angle between neighbouring pixels. ``knowledge``: See `apply_shares`.
     ``shares``: Of factor and gloss, for each lamp, shape (lamps, height, width, 2).
+    ``centres``: Pixels without knowledge whose shares hold at the centre and close to it, shape (height, width).
     ``corner_light``: Light of each lamp without shadows, and ambient light, at the corners of faces, NaN if it is not
     computed, shape (lamps + 1, m, 3, 2). ``fine``: Faces on which it can be interpolated, shape (m,).
     ``done``: Faces for which nothing is left to compute, shape (lamps + 1, m).
@@ -99,6 +100,7 @@ class _View:
     pixel_angle: float
     knowledge: NDArray[np.uint8]
     shares: NDArray[np.float64]
+    centres: NDArray[np.bool_]
     corner_light: NDArray[np.float64]
     fine: NDArray[np.bool_]
     done: NDArray[np.bool_]
@@ -154,6 +156,7 @@ class AreaLamps:
             pixel_angle,
             np.full(shape, CLEAR, dtype=np.uint8),
             np.ones((len(lamps), *shape, 2)),
+            np.zeros(shape, dtype=np.bool_),
             np.full((len(lamps) + 1, len(world.face_body), 3, 2), np.nan),
             fine,
             np.tile(~fine, (len(lamps) + 1, 1)),
@@ -300,7 +303,7 @@ class AreaLamps:
         light: NDArray[np.float64],
     ) -> None:  # fmt: skip
         """Multiply light by the shares that reach points, in place, shape (n, 2)."""
-        from scenetruth.render.lamp_lattice_kernels import apply_shares, extrapolate
+        from scenetruth.render.lamp_lattice_kernels import apply_shares
 
         def exact(chosen: NDArray[np.int64]) -> NDArray[np.float64]:
             some = place.some(chosen)
@@ -330,17 +333,29 @@ class AreaLamps:
             middle = np.column_stack([np.bincount(owner, column) for column in points.T]) / count[:, None]
             aside = np.sum((points - middle[owner]) ** 2, axis=1)
             leaders = chosen[np.lexsort((aside, owner))[np.cumsum(count) - count]]
-            distance = np.linalg.norm(place.points_mm[leaders] - place.origin_mm, axis=1)
-            image, apart = (view.body, view.distance_mm), _APART * view.pixel_angle
-            near_pixels = (place.pixels[leaders], (bodies[leaders], distance), image, view.knowledge)
-            found = extrapolate(*near_pixels, shares, apart)
-            means, spread = found[:, :2], found[:, 2]
-            some = np.flatnonzero(~(spread <= _EVEN))
-            means[some] = exact(leaders[some])
-            near[other] = means[owner]
+            near[other] = self._shares_near(view, number, place.some(leaders), surface)[owner]
         single = np.flatnonzero(kind == 2)
         near[single] = exact(left[single])
         light[left] *= near
+
+    def _shares_near(self, view: _View, number: int, place: SeenPoints, surface: Surface) -> NDArray[np.float64]:
+        """Return shares at points in pixels without knowledge: those of their centres, of pixels around, or exact."""
+        from scenetruth.render.lamp_lattice_kernels import extrapolate
+
+        packed, shares = view.packed[number], view.shares[number]
+        assert packed is not None
+        assert place.pixels is not None
+        bodies, distance = self._world.face_body[place.faces], np.linalg.norm(place.points_mm - place.origin_mm, axis=1)
+        apart, row_major = _APART * view.pixel_angle, place.pixels
+        found = shares.reshape(-1, 2)[row_major]
+        close = np.abs(view.distance_mm.ravel()[row_major] - distance) < apart * distance
+        other = np.flatnonzero(~(view.centres.ravel()[row_major] & (view.body.ravel()[row_major] == bodies) & close))
+        points, image = (bodies[other], distance[other]), (view.body, view.distance_mm)
+        around = extrapolate(row_major[other], points, image, view.knowledge, shares, apart)
+        found[other] = around[:, :2]
+        some = other[~(around[:, 2] <= _EVEN)]
+        found[some] = self._exact_shares(view.caster, packed, place.some(some), surface, np.zeros(len(some)))[0][:, :2]
+        return found
 
     def _find_shares(self, view: _View, place: SeenPoints, surface: Surface, mixed: NDArray[np.bool_]) -> None:
         """Fill in the shares of the light that reach the pixels."""
@@ -356,6 +371,12 @@ class AreaLamps:
         for number, packed in enumerate(view.packed):
             if packed is not None:
                 self._refine(view, number, packed, place, surface, label, number_of, size)
+        unknown = np.flatnonzero(mixed & (view.body >= 0))
+        for number, packed in enumerate(view.packed):
+            if packed is not None:
+                near = self._shares_near(view, number, place.some(number_of[unknown]), surface)
+                view.shares[number].reshape(-1, 2)[unknown] = near
+        view.centres.ravel()[unknown] = True
 
     def _refine(
         self, view: _View, number: int, packed: NDArray[np.float64], place: SeenPoints, surface: Surface,
