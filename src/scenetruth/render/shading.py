@@ -219,7 +219,7 @@ class Shader:
                 place = place._replace(pixels=seen)
                 angle = largest_pixel_angle(directions, mixed.shape[1])
                 self._reflection.begin(caster, lamps, place, mixed, angle)
-            found_light = self._reflection.light(caster, lamps, place, optics)
+            found_light = self._reflection.light(caster, lamps, place, optics, centres=mixed is not None)
             if len(seen) == len(directions):
                 return Arrived(*found_light)
             gloss = np.zeros(len(directions))
@@ -431,6 +431,8 @@ class Shader:
         if light.gloss is not None:
             gloss = light.gloss.reshape(mixed.shape)
             uneven |= uneven_pixels(gloss, zones, face, mixed, _STEEPEST * max(brightest, float(gloss.max())))[0]
+        if not self.simple:
+            self._reflection.mark_borders(borders)
         return PixelLight(shade, face, mixed, uneven, borders, light.blocked.reshape(mixed.shape), gloss)
 
     def _smooth(
