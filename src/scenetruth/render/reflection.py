@@ -149,30 +149,18 @@ class _Sheet:
         distance_mm: NDArray[np.float64],
     ) -> NDArray[np.bool_]:
         """Return which wanted points lie in the shadow of these surfaces, shape (n,)."""
-        own = self.numbers[faces]
+        from scenetruth.render.shading_kernels import behind_sphere
+
         hidden = np.zeros(len(faces), dtype=np.bool_)
-        reached = np.flatnonzero(wanted)
-        reached = reached[self._may_hide(lamp, starts_mm[reached])]
-        some = starts_mm[reached], own[reached]
+        reached = np.flatnonzero(behind_sphere(starts_mm, wanted, *self.sphere, lamp.axis, lamp.position_mm))
+        if not len(reached):
+            return hidden
+        some = starts_mm[reached], self.numbers[faces[reached]]
         if lamp.position_mm is None:
             hidden[reached] = self.caster.blocked_parallel(*some, np.ones(len(reached), dtype=np.bool_), -lamp.axis)
         else:
             hidden[reached] = self.caster.blocked(*some, to_light[reached], distance_mm[reached])
         return hidden
-
-    def _may_hide(self, lamp: Lamp, points_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which points lie behind the sphere around these surfaces, as seen from the lamp."""
-        centre, radius = self.sphere
-        apart = points_mm - centre
-        if lamp.position_mm is None:
-            along = apart @ lamp.axis
-            beside = np.einsum("nk,nk->n", apart, apart) - along**2
-            return np.asarray((beside <= radius**2) & (along >= -radius))
-        # The distance of the centre from the ray between lamp and point.
-        to_lamp = lamp.position_mm - points_mm
-        share = -np.einsum("nk,nk->n", apart, to_lamp) / np.einsum("nk,nk->n", to_lamp, to_lamp)
-        nearest = apart + np.clip(share, 0.0, 1.0)[:, None] * to_lamp
-        return np.asarray(np.linalg.norm(nearest, axis=1) <= radius)
 
 
 class Reflection:
