@@ -21,7 +21,7 @@ class SurfaceTree(NamedTuple):
     ``spheres``: Centre and radius of each node, shape (k, 4).
     ``children``: Both children of a node; or, for leaves, minus the first place in ``order`` minus 1, and the number of
       its triangles, shape (k, 2).
-    ``order``: Faces by leaf, shape (m,).
+    ``order``: Faces by leaf, shape (m,). ``covers``: Centre and radius of a sphere around each of them, shape (m, 4).
     ``corners``: Corners of all faces, shape (m, 3, 3).
     ``neighbours``: Face across each edge that has the edge in the opposite direction, -1 for none, shape (m, 3).
     ``bodies``: Body of each face, shape (m,).
@@ -30,6 +30,7 @@ class SurfaceTree(NamedTuple):
     spheres: NDArray[np.float64]
     children: NDArray[np.int32]
     order: NDArray[np.int32]
+    covers: NDArray[np.float64]
     corners: NDArray[np.float64]
     neighbours: NDArray[np.int32]
     bodies: NDArray[np.int32]
@@ -44,7 +45,8 @@ def build_tree(
     """
     corners = np.ascontiguousarray(corners_mm)
     spheres, children, order = _build(corners)
-    return SurfaceTree(spheres, children, order, corners, _facing_neighbours(corners, neighbours), bodies)
+    covers = _cover(corners, order)
+    return SurfaceTree(spheres, children, order, covers, corners, _facing_neighbours(corners, neighbours), bodies)
 
 
 @kernel()
@@ -64,6 +66,28 @@ def _facing_neighbours(corners: NDArray[np.float64], neighbours: NDArray[np.int3
                 if equal:
                     found[face, edge] = other
     return found
+
+
+@kernel()
+def _cover(corners: NDArray[np.float64], order: NDArray[np.int32]) -> Any:
+    """Return spheres around triangles, in an order: around their mean, or the middle of a side if that is smaller."""
+    out, centre = np.empty((len(order), 4)), np.empty(3)
+    for place in range(len(order)):
+        face = order[place]
+        out[place, 3] = np.inf
+        for c in range(4):
+            far = 0.0
+            for k in range(3):
+                total = corners[face, 0, k] + corners[face, 1, k] + corners[face, 2, k]
+                centre[k] = total / 3.0 if c == 3 else 0.5 * (total - corners[face, c, k])
+            for corner in range(3):
+                square = 0.0
+                for k in range(3):
+                    square += (corners[face, corner, k] - centre[k]) ** 2
+                far = max(far, np.sqrt(square))
+            if far < out[place, 3]:
+                out[place, 0], out[place, 1], out[place, 2], out[place, 3] = centre[0], centre[1], centre[2], far
+    return out
 
 
 @kernel()
@@ -142,7 +166,7 @@ def find_between(
     ``own``: Face of the point, which is not found; -1 for none.
     ``found``: Buffer for the faces. Returns their number, which may exceed the size of the buffer.
     """
-    spheres, children, order = tree.spheres, tree.children, tree.order
+    spheres, children, order, covers = tree.spheres, tree.children, tree.order, tree.covers
     ax, ay, az = lamp[0] - start[0], lamp[1] - start[1], lamp[2] - start[2]
     length = np.sqrt(ax * ax + ay * ay + az * az)
     ax, ay, az = ax / length, ay / length, az / length
@@ -169,6 +193,12 @@ def find_between(
             continue
         first = -children[node, 0] - 1
         for place in range(first, first + children[node, 1]):
+            dx, dy, dz = covers[place, 0] - start[0], covers[place, 1] - start[1], covers[place, 2] - start[2]
+            size = covers[place, 3]
+            along = dx * ax + dy * ay + dz * az
+            reach = near * wider + slope * max(along, 0.0) + size * wider
+            if dx * dx + dy * dy + dz * dz - along * along > reach * reach or along < -size - near:
+                continue
             if order[place] != own:
                 if count < found.shape[0]:
                     found[count] = order[place]

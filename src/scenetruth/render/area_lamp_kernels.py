@@ -9,7 +9,16 @@ from numpy.typing import NDArray
 
 from scenetruth.kernels import kernel
 from scenetruth.raycast.surface_tree_kernels import SurfaceTree, find_between
-from scenetruth.render.lamp_shadow_kernels import AXIS, CENTRE, RADIANCE, SIZES, line_pieces, outline_edges
+from scenetruth.render.lamp_shadow_kernels import (
+    AXIS,
+    CENTRE,
+    OPAQUE,
+    RADIANCE,
+    SIZES,
+    line_pieces,
+    outline_edges,
+    trim_edges,
+)
 from scenetruth.render.reflectance_kernels import entering, frame_of, in_frame, reflect_ray, towards
 from scenetruth.threads import in_bands
 
@@ -28,13 +37,14 @@ _TOLERANCE = 1e-3  # share of the lamp by which the mean of two lines may differ
 _QUADRATURE = 9.2  # -ln of the error of sums around a lamp, 1e-4
 _FEWEST, _FEWEST_SHADED, _MOST = 5, 4, 64  # lines
 _MOST_PARTS = 8  # of a line
+_LONG = 0.3  # edges of outlines, of the size of the lamp
 _LITTLE, _COARSE = 0.4, -1.0  # parts of a line, below which two points serve, and for which one does
 _PAIR = 0.5 / np.sqrt(3.0)  # Gauss points at this distance from the middle
 _SIDE = 0.5 * np.sqrt(0.6)  # Gauss points of a part: the middle, and this far from it
 
 # Further values of a flat lamp and a surface: height of the lamp above the tangent plane, its change across and down;
-# number of parts of a line.
-_HEIGHT, _RISE, _PARTS, _PLACES = 15, 16, 18, 19
+# number of parts of a line; optical depth at the place where lines begin, and this place on each line.
+_HEIGHT, _RISE, _PARTS, _DEPTH, _BEGIN, _PLACES = 15, 16, 18, 19, 20, 21
 
 
 def unshaded_light(
@@ -226,7 +236,8 @@ def _along_line(
     kept = 0
     seen = 1.0
     if count > 0:
-        kept, seen = line_pieces(x0, y0, x1, y1, edges, count, marks, pieces), 0.0
+        kept = line_pieces((x0, y0, x1, y1), place[_DEPTH], place[_BEGIN], edges, count, marks, pieces)
+        seen = 0.0
         for item in range(kept):
             begin, end = pieces[item, 0], pieces[item, 1]
             if polar:
@@ -402,7 +413,7 @@ def _lamp_shares(
     outlines, kinds = np.empty((_FIRST_FOUND, 5, 2)), np.empty((_FIRST_FOUND, 3), dtype=np.int32)
     edges, marks = np.empty((5 * _FIRST_FOUND, 5)), np.empty((5 * _FIRST_FOUND, 2))
     pieces, borders = np.empty((5 * _FIRST_FOUND + 1, 3)), np.empty(5 * _FIRST_FOUND)
-    stack = np.empty((_LEVELS + 2, 13))
+    stack, fit = np.empty((_LEVELS + 2, 13)), np.empty((2, 2, 5))
     for n in range(low, high):
         m, face = materials[faces[n]], faces[n]
         for k in range(4):
@@ -435,17 +446,43 @@ def _lamp_shares(
             state[n] = CERTAIN if certain else VISIBLE
             continue
         state[n] = 0
+        place[_DEPTH], place[_BEGIN] = 0.0, -np.inf
+        if polar:
+            used, place[_DEPTH] = trim_edges(edges, used, radius)
+            place[_BEGIN] = -place[SIZES] / (place[SIZES + 1] - place[SIZES])
+            if used == 0:
+                # Equally shaded: the weights are upper limits.
+                share = np.exp(-max(place[_DEPTH], 0.0)) if place[_DEPTH] < 0.5 * OPAQUE else 0.0
+                shares[n, 0] = shares[n, 1] = share
+                continue
         frame = frame_of(normals[n], tangents[face])
         eye = towards(frame, origin, points[n])
         optics = (frame, eye, entering(tables[m], eye), values[m], tables[m])
         shades = (edges, used, marks, pieces)
+        even = polar and side != 0 and lines <= _FEWEST and place[_PARTS] < _LITTLE
         lines = max(lines, _FEWEST_SHADED)
         _, factor, gloss, all_factor, all_gloss = _integrate(
-            place, polar, points[n], lines, shades, optics, stack, borders
+            place, polar, points[n], lines, even, shades, optics, (stack, borders, fit)
         )
         shares[n, 0] = min(max(factor / all_factor, 0.0), 1.0) if all_factor > 0.0 else 1.0
         shares[n, 1] = min(max(gloss / all_gloss, 0.0), 1.0) if all_gloss > 0.0 else 1.0
         shares[n, 2], shares[n, 3] = all_factor, all_gloss
+
+
+@kernel(error_model="numpy")
+def _add_border(
+    place: NDArray[np.float64], polar: bool, x: float, y: float, borders: NDArray[np.float64], used: int
+) -> Any:
+    """Insert the line through a point of the lamp into the borders of intervals, and return their number."""
+    at = (np.arctan2(y, x) / (2.0 * np.pi)) % 1.0 if polar else 0.5 * (y / place[SIZES + 1] + 1.0)
+    if at <= 0.0 or at >= 1.0 or used == borders.shape[0]:
+        return used
+    number = used
+    while borders[number - 1] > at:
+        borders[number] = borders[number - 1]
+        number -= 1
+    borders[number] = at
+    return used + 1
 
 
 @kernel(error_model="numpy")
@@ -474,33 +511,110 @@ def _line_borders(
                 continue
             for sign in range(-1, 2, 2):
                 share = middle + sign * root
-                if share < 0.0 or share >= 1.0 or (sign > 0 and not polar):
-                    continue
-                if polar:
-                    at = (np.arctan2(y + share * dy, x + share * dx) / (2.0 * np.pi)) % 1.0
-                else:
-                    at = 0.5 * ((y + share * dy) / place[SIZES + 1] + 1.0)
-                if at <= 0.0 or at >= 1.0 or used == borders.shape[0]:
-                    continue
-                number = used
-                while borders[number - 1] > at:
-                    borders[number] = borders[number - 1]
-                    number -= 1
-                borders[number] = at
-                used += 1
+                if share >= 0.0 and share < 1.0 and (sign < 0 or polar):
+                    used = _add_border(place, polar, x + share * dx, y + share * dy, borders, used)
+        # Corners of outlines; those of short edges bend less.
+        if square > (_LONG * place[SIZES + 1]) ** 2:
+            far, inner = x * x + y * y, place[SIZES]
+            if (inner * inner < far < place[SIZES + 1] ** 2) if polar else (abs(x) < inner):
+                used = _add_border(place, polar, x, y, borders, used)
     return used
 
 
 @kernel(error_model="numpy")
-def _integrate(
-    place: NDArray[np.float64], polar: bool, point: NDArray[np.float64], lines: int, shades: tuple[Any, ...],
-    optics: tuple[Any, ...], stack: NDArray[np.float64], borders: NDArray[np.float64],
+def _fit_light(
+    place: NDArray[np.float64], point: NDArray[np.float64], optics: tuple[Any, ...], fit: NDArray[np.float64]
+) -> None:
+    """Fit the light per area of a round lamp that is far away, compared with its size.
+
+    ``fit``: Mean, and changes with cosine and sine of the angle and of the double angle: at the middle of the lines,
+    and the slope along them; of factor and gloss; shape (2, 2, 5).
+    """
+    frame, eye, leaving, values, tables = optics
+    inner, width = place[SIZES], place[SIZES + 1] - place[SIZES]
+    for k in range(20):
+        fit[k // 10, k // 5 % 2, k % 5] = 0.0
+    for number in range(_FEWEST):
+        right, below = np.cos(2.0 * np.pi * number / _FEWEST), np.sin(2.0 * np.pi * number / _FEWEST)
+        terms = (0.5, right, below, right * right - below * below, 2.0 * right * below)
+        for sign in range(-1, 2, 2):
+            radius = inner + (0.5 + sign * _PAIR) * width
+            across, down = radius * right, radius * below
+            dx = place[CENTRE] + across * place[3] + down * place[6] - point[0]
+            dy = place[CENTRE + 1] + across * place[4] + down * place[7] - point[1]
+            dz = place[CENTRE + 2] + across * place[5] + down * place[8] - point[2]
+            square = dx * dx + dy * dy + dz * dz
+            far = np.sqrt(square)
+            incident = -place[RADIANCE] * (dx * place[AXIS] + dy * place[AXIS + 1] + dz * place[AXIS + 2])
+            light = in_frame(frame, dx / far, dy / far, dz / far)
+            found = reflect_ray(incident / (square * far), light, eye, leaving, values, tables)
+            for kind in range(2):
+                for k in range(5):
+                    part = terms[k] * found[kind] / _FEWEST
+                    fit[kind, 0, k] += part
+                    fit[kind, 1, k] += sign * part / _PAIR
+
+
+@kernel(error_model="numpy")
+def _along_fitted(
+    s: float, place: NDArray[np.float64], shades: tuple[Any, ...], fit: NDArray[np.float64]
 ) -> Any:  # fmt: skip
-    """Integrate a lamp by Simpson's rule over lines, halved where visibility bends; see `_along_line`."""
+    """As `_along_line`, with light by `_fit_light`."""
+    edges, count, marks, pieces = shades
+    inner, outer = place[SIZES], place[SIZES + 1]
+    right, below = np.cos(2.0 * np.pi * s), np.sin(2.0 * np.pi * s)
+    line = (inner * right, inner * below, outer * right, outer * below)
+    kept = line_pieces(line, place[_DEPTH], place[_BEGIN], edges, count, marks, pieces)
+    # Area, and its first moment about the middle of the line.
+    first, slope = 2.0 * np.pi * inner * (outer - inner), 2.0 * np.pi * (outer - inner) ** 2
+    all_area, all_moment = first + 0.5 * slope, slope / 12.0
+    area, moment = 0.0, 0.0
+    for item in range(kept):
+        begin, end = pieces[item, 0], pieces[item, 1]
+        length, twice, cubes = end - begin, 0.5 * (end * end - begin * begin), (end**3 - begin**3) / 3.0
+        area += pieces[item, 2] * (first * length + slope * twice)
+        moment += pieces[item, 2] * (first * (twice - 0.5 * length) + slope * (cubes - 0.5 * twice))
+    double, doubled = right * right - below * below, 2.0 * right * below
+    one = fit[0, 0, 0] + fit[0, 0, 1] * right + fit[0, 0, 2] * below + fit[0, 0, 3] * double + fit[0, 0, 4] * doubled
+    rise = fit[0, 1, 0] + fit[0, 1, 1] * right + fit[0, 1, 2] * below + fit[0, 1, 3] * double + fit[0, 1, 4] * doubled
+    shine = fit[1, 0, 0] + fit[1, 0, 1] * right + fit[1, 0, 2] * below + fit[1, 0, 3] * double + fit[1, 0, 4] * doubled
+    gain = fit[1, 1, 0] + fit[1, 1, 1] * right + fit[1, 1, 2] * below + fit[1, 1, 3] * double + fit[1, 1, 4] * doubled
+    return (
+        area / all_area,
+        one * area + rise * moment,
+        shine * area + gain * moment,
+        one * all_area + rise * all_moment,
+        shine * all_area + gain * all_moment,
+    )
+
+
+@kernel(error_model="numpy")
+def _on_line(
+    s: float, place: NDArray[np.float64], polar: bool, point: NDArray[np.float64], shades: tuple[Any, ...],
+    optics: tuple[Any, ...], fit: NDArray[np.float64], even: bool,
+) -> Any:  # fmt: skip
+    """Return the values of `_along_line`, for even light by `_along_fitted`."""
+    if even:
+        return _along_fitted(s, place, shades, fit)
+    return _along_line(s, place, polar, point, shades, optics)
+
+
+@kernel(error_model="numpy")
+def _integrate(
+    place: NDArray[np.float64], polar: bool, point: NDArray[np.float64], lines: int, even: bool,
+    shades: tuple[Any, ...], optics: tuple[Any, ...], buffers: tuple[NDArray[Any], ...],
+) -> Any:  # fmt: skip
+    """Integrate a lamp by Simpson's rule over lines, halved where visibility bends; see `_along_line`.
+
+    ``even``: Whether the light is fitted, see `_fit_light`.
+    """
+    stack, borders, fit = buffers
+    if even:
+        _fit_light(place, point, optics, fit)
     seen, factor, gloss, all_factor, all_gloss = 0.0, 0.0, 0.0, 0.0, 0.0
     edges, count, _, _ = shades
     used = _line_borders(place, polar, lines, edges, count, borders)
-    first = _along_line(0.0, place, polar, point, shades, optics)
+    first = _on_line(0.0, place, polar, point, shades, optics, fit, even)
     before = first
     for number in range(1, used):
         low, high = borders[number - 1], borders[number]
@@ -508,7 +622,7 @@ def _integrate(
             continue
         after = first
         if number + 1 < used or not polar:
-            after = _along_line(high, place, polar, point, shades, optics)
+            after = _on_line(high, place, polar, point, shades, optics, fit, even)
         stack[0, 0], stack[0, 1], stack[0, 2] = low, high - low, 0.0
         for k in range(5):
             stack[0, 3 + k], stack[0, 8 + k] = before[k], after[k]
@@ -517,7 +631,7 @@ def _integrate(
             waiting -= 1
             s, width, level = stack[waiting, 0], stack[waiting, 1], stack[waiting, 2]
             bend = 0.5 * (stack[waiting, 3] + stack[waiting, 8])
-            middle = _along_line(s + 0.5 * width, place, polar, point, shades, optics)
+            middle = _on_line(s + 0.5 * width, place, polar, point, shades, optics, fit, even)
             if level >= _LEVELS or abs(middle[0] - bend) * width <= _TOLERANCE:
                 share = width / 6.0
                 seen += share * (stack[waiting, 3] + 4.0 * middle[0] + stack[waiting, 8])

@@ -86,6 +86,7 @@ class _View:
     ``body``, ``distance_mm``: Body and distance from the camera at each pixel, shape (height, width).
     ``pixel_angle``: Largest angle between neighbouring pixels. ``knowledge``: See `apply_shares`.
     ``shares``: Of factor and gloss, for each lamp, shape (lamps, height, width, 2).
+    ``centres``: Pixels without knowledge whose shares hold at the centre and close to it, shape (height, width).
     ``corner_light``: Light of each lamp without shadows, and ambient light, at the corners of faces, NaN if it is not
     computed, shape (lamps + 1, m, 3, 2). ``fine``: Faces on which it can be interpolated, shape (m,).
     ``done``: Faces for which nothing is left to compute, shape (lamps + 1, m).
@@ -99,13 +100,14 @@ class _View:
     pixel_angle: float
     knowledge: NDArray[np.uint8]
     shares: NDArray[np.float64]
+    centres: NDArray[np.bool_]
     corner_light: NDArray[np.float64]
     fine: NDArray[np.bool_]
     done: NDArray[np.bool_]
 
 
 class AreaLamps:
-    """Light of lamps with a size.
+    """Light of lamps with a size, and, within images, of all lamps at the corners of faces.
 
     Without shadows, it follows from closed forms or sums over the lamp: at each point, or at the corners of faces that
     are small enough. Shadows are computed as shares of this light: in each image, at as many pixels as interpolation
@@ -135,7 +137,7 @@ class AreaLamps:
         ``place``: Points at the pixel centres. ``mixed``: Pixels whose footprint crosses an edge, shape (height,
         width). ``pixel_angle``: Largest angle between neighbouring pixels.
         """
-        from scenetruth.render.lamp_lattice_kernels import CLEAR
+        from scenetruth.render.lamp_lattice_kernels import CLEAR, UNKNOWN
 
         world, shape = self._world, mixed.shape
         assert place.pixels is not None
@@ -144,7 +146,7 @@ class AreaLamps:
         body[place.pixels] = world.face_body[place.faces]
         distance = np.full(mixed.size, np.nan)
         distance[place.pixels] = np.linalg.norm(place.points_mm - place.origin_mm, axis=1)
-        fine = self._fine_faces(caster, place.origin_mm, [lamp for lamp in lamps if lamp.area is not None])
+        fine = self._fine_faces(caster, place.origin_mm, lamps)
         view = _View(
             caster,
             place.origin_mm,
@@ -154,13 +156,36 @@ class AreaLamps:
             pixel_angle,
             np.full(shape, CLEAR, dtype=np.uint8),
             np.ones((len(lamps), *shape, 2)),
+            np.zeros(shape, dtype=np.bool_),
             np.full((len(lamps) + 1, len(world.face_body), 3, 2), np.nan),
             fine,
             np.tile(~fine, (len(lamps) + 1, 1)),
         )
         if self._shadows:
-            self._find_shares(view, place, surface, mixed)
+            view.knowledge[mixed] = UNKNOWN
+            if any(lamp.area is not None for lamp in lamps):
+                self._find_shares(view, place, surface, mixed)
         self._view = view
+
+    def keep_shares(self, number: int, pixels: NDArray[np.int64], shares: NDArray[np.float64]) -> None:
+        """Keep the shares of a lamp without a size at the pixel centres of the image, shape (n,)."""
+        if self._view is not None:
+            self._view.shares[number].reshape(-1, 2)[pixels] = shares[:, None]
+
+    def mark_borders(self, borders: NDArray[np.bool_]) -> None:
+        """Mark where shares of lamps without a size may differ in a pixel: at borders and next to them.
+
+        ``borders``: Pixels whose centre and that of a neighbour are lit differently, shape (height, width).
+        """
+        from scipy import ndimage
+
+        from scenetruth.render.lamp_lattice_kernels import STEEP, UNKNOWN
+
+        if self._view is not None and self._shadows and any(packed is None for packed in self._view.packed):
+            knowledge = self._view.knowledge
+            # Shadows may end between the centres of pixels.
+            around = ndimage.binary_dilation(borders, np.ones((3, 3)))
+            knowledge[around & (knowledge != UNKNOWN)] = STEEP
 
     def steep(self) -> NDArray[np.bool_]:
         """Return the pixels of the image next to which the shares are very different, shape (height, width)."""
@@ -233,9 +258,12 @@ class AreaLamps:
         longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
         centres, nearest = corners[:, 0], np.linalg.norm(corners[:, 0] - origin_mm, axis=1)
         for lamp in lamps:
-            assert lamp.area is not None
-            assert lamp.position_mm is not None
-            reach = float(np.hypot(*lamp.area.sizes_mm)) if lamp.area.shape == "rectangle" else lamp.area.sizes_mm[1]
+            if lamp.position_mm is None:
+                continue
+            reach = 0.0
+            if lamp.area is not None:
+                sizes = lamp.area.sizes_mm
+                reach = float(np.hypot(*sizes)) if lamp.area.shape == "rectangle" else sizes[1]
             nearest = np.minimum(nearest, np.linalg.norm(centres - lamp.position_mm, axis=1) - reach)
         with np.errstate(divide="ignore"):
             bend = (longest / np.maximum(nearest - longest, 1e-3 * longest)) ** 2 / 8 * (1 + 4 / self._roughness**2)
@@ -248,12 +276,12 @@ class AreaLamps:
         """Return factors and gloss of samples of the prepared image, and the samples that this leaves out.
 
         ``samples``: Pixel, face, and weights of the second and third corner, shapes (n,), (n,) and (n, 2).
-        Returns None without lamps, with lamps without a size, and outside the image.
+        Returns None without lamps, with spot lights without a size, and outside the image.
         """
         from scenetruth.render.lamp_lattice_kernels import light_samples
 
         view = self._view_of(caster, origin_mm)
-        if view is None or not lamps or any(packed is None for packed in view.packed):
+        if view is None or not lamps or any(lamp.area is None and lamp.cos_inner > -1.0 for lamp in lamps):
             return None
         for number in range(len(view.packed) + 1):
             self._compute_corners(view, number, samples[1], self._computation(number, ambient, lamps, surface))
@@ -272,17 +300,17 @@ class AreaLamps:
         from scenetruth.render.area_lamp_kernels import unshaded_corners, unshaded_light
         from scenetruth.render.reflectance_kernels import reflect_ambient
 
+        if number < len(lamps) and lamps[number].area is None:
+            return lambda seen: _sharp_light(lamps[number], seen, surface)
         if number < len(lamps):
             packed = pack_lamp(lamps[number])
             return lambda seen: (unshaded_corners if seen[1].ndim == 3 else unshaded_light)(packed, seen, surface)
 
         def compute(seen: Seen) -> NDArray[np.float64]:
-            origin, points, normals, faces = seen
-            shape, repeats = points.shape[:-1], 3 if points.ndim == 3 else 1
-            factors, gloss = np.zeros((2, len(faces) * repeats))
-            many = (np.repeat(normals, repeats, axis=0), np.repeat(faces, repeats))
-            reflect_ambient(ambient, (origin, points.reshape(-1, 3), *many), surface, factors, gloss)
-            return np.stack([factors.reshape(shape), gloss.reshape(shape)], axis=-1)
+            many = _single_points(seen)
+            factors, gloss = np.zeros((2, len(many[1])))
+            reflect_ambient(ambient, many, surface, factors, gloss)
+            return np.stack([factors, gloss], axis=-1).reshape(*seen[1].shape[:-1], 2)
 
         return compute
 
@@ -300,7 +328,7 @@ class AreaLamps:
         light: NDArray[np.float64],
     ) -> None:  # fmt: skip
         """Multiply light by the shares that reach points, in place, shape (n, 2)."""
-        from scenetruth.render.lamp_lattice_kernels import apply_shares, extrapolate
+        from scenetruth.render.lamp_lattice_kernels import apply_shares
 
         def exact(chosen: NDArray[np.int64]) -> NDArray[np.float64]:
             some = place.some(chosen)
@@ -330,17 +358,29 @@ class AreaLamps:
             middle = np.column_stack([np.bincount(owner, column) for column in points.T]) / count[:, None]
             aside = np.sum((points - middle[owner]) ** 2, axis=1)
             leaders = chosen[np.lexsort((aside, owner))[np.cumsum(count) - count]]
-            distance = np.linalg.norm(place.points_mm[leaders] - place.origin_mm, axis=1)
-            image, apart = (view.body, view.distance_mm), _APART * view.pixel_angle
-            near_pixels = (place.pixels[leaders], (bodies[leaders], distance), image, view.knowledge)
-            found = extrapolate(*near_pixels, shares, apart)
-            means, spread = found[:, :2], found[:, 2]
-            some = np.flatnonzero(~(spread <= _EVEN))
-            means[some] = exact(leaders[some])
-            near[other] = means[owner]
+            near[other] = self._shares_near(view, number, place.some(leaders), surface)[owner]
         single = np.flatnonzero(kind == 2)
         near[single] = exact(left[single])
         light[left] *= near
+
+    def _shares_near(self, view: _View, number: int, place: SeenPoints, surface: Surface) -> NDArray[np.float64]:
+        """Return shares at points in pixels without knowledge: those of their centres, of pixels around, or exact."""
+        from scenetruth.render.lamp_lattice_kernels import extrapolate
+
+        packed, shares = view.packed[number], view.shares[number]
+        assert packed is not None
+        assert place.pixels is not None
+        bodies, distance = self._world.face_body[place.faces], np.linalg.norm(place.points_mm - place.origin_mm, axis=1)
+        apart, row_major = _APART * view.pixel_angle, place.pixels
+        found = shares.reshape(-1, 2)[row_major]
+        close = np.abs(view.distance_mm.ravel()[row_major] - distance) < apart * distance
+        other = np.flatnonzero(~(view.centres.ravel()[row_major] & (view.body.ravel()[row_major] == bodies) & close))
+        points, image = (bodies[other], distance[other]), (view.body, view.distance_mm)
+        around = extrapolate(row_major[other], points, image, view.knowledge, shares, apart)
+        found[other] = around[:, :2]
+        some = other[~(around[:, 2] <= _EVEN)]
+        found[some] = self._exact_shares(view.caster, packed, place.some(some), surface, np.zeros(len(some)))[0][:, :2]
+        return found
 
     def _find_shares(self, view: _View, place: SeenPoints, surface: Surface, mixed: NDArray[np.bool_]) -> None:
         """Fill in the shares of the light that reach the pixels."""
@@ -356,6 +396,12 @@ class AreaLamps:
         for number, packed in enumerate(view.packed):
             if packed is not None:
                 self._refine(view, number, packed, place, surface, label, number_of, size)
+        unknown = np.flatnonzero(mixed & (view.body >= 0))
+        for number, packed in enumerate(view.packed):
+            if packed is not None:
+                near = self._shares_near(view, number, place.some(number_of[unknown]), surface)
+                view.shares[number].reshape(-1, 2)[unknown] = near
+        view.centres.ravel()[unknown] = True
 
     def _refine(
         self, view: _View, number: int, packed: NDArray[np.float64], place: SeenPoints, surface: Surface,
@@ -416,6 +462,40 @@ class AreaLamps:
             corners = caster.vertices_mm[caster.topology.faces]
             self._tree = (caster, build_tree(corners, caster.topology.face_neighbours, self._world.face_body))
         return lamp_shares(packed, self._tree[1], self._depths, place.view, (place.starts_mm, near), surface)
+
+
+def _single_points(seen: Seen) -> Seen:
+    """Return the corners of faces, shape (n, 3, 3), as single points; points remain."""
+    origin, points, normals, faces = seen
+    if points.ndim == 2:
+        return seen
+    return origin, points.reshape(-1, 3), np.repeat(normals, 3, axis=0), np.repeat(faces, 3)
+
+
+def _sharp_light(lamp: Lamp, seen: Seen, surface: Surface) -> NDArray[np.float64]:
+    """Return factor and gloss by a lamp without a size, without shadows; NaN on faces with the lamp in their plane."""
+    from scenetruth.render.reflectance_kernels import reflect_light
+    from scenetruth.render.shading_kernels import direct_light
+
+    many = _single_points(seen)
+    _, points, normals, _ = many
+    if lamp.position_mm is None:
+        to_light = np.tile(-lamp.axis, (len(points), 1))
+    else:
+        to_light = lamp.position_mm - points
+        to_light /= np.linalg.norm(to_light, axis=1)[:, None]
+    place = np.zeros(3) if lamp.position_mm is None else lamp.position_mm
+    cone = (lamp.cos_inner, lamp.cos_outer)
+    given = (place, lamp.axis, lamp.position_mm is None, lamp.irradiance, lamp.reference_distance_mm, *cone)
+    # At normal incidence.
+    light, _, to_light, _ = direct_light(points, to_light, *given)
+    factors, gloss = np.zeros((2, len(points)))
+    reflect_light(light, to_light, many, surface, factors, gloss)
+    found = np.stack([factors, gloss], axis=-1).reshape(*seen[1].shape[:-1], 2)
+    if seen[1].ndim == 3:
+        front = (np.einsum("nk,nk->n", normals, to_light) > 0).reshape(-1, 3)
+        found[front.any(axis=1) != front.all(axis=1)] = np.nan
+    return found
 
 
 def largest_pixel_angle(directions: NDArray[np.float64], width: int) -> float:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scenetruth.kernels import kernel
 from scenetruth.raycast.surface_tree_kernels import SurfaceTree
 
-__all__ = ["AXIS", "CENTRE", "OPAQUE", "RADIANCE", "SIZES", "line_pieces", "outline_edges"]
+__all__ = ["AXIS", "CENTRE", "OPAQUE", "RADIANCE", "SIZES", "line_pieces", "outline_edges", "trim_edges"]
 
 CENTRE, ACROSS, DOWN, AXIS, SIZES, RADIANCE = 0, 3, 6, 9, 12, 14
 """Places of the values of a flat lamp: centre, unit vectors across, down and along the emission, inner and outer radius
@@ -20,6 +20,8 @@ OPAQUE = 1e3
 """Optical depth of surfaces that transmit no light."""
 _NEAREST = 1e-7  # distance, as a fraction of that of the lamp, below which nothing shades
 _CLEAR = 1e-9  # optical depth below which nothing shades, for rounding
+_ASIDE_X, _ASIDE_Y = 0.7e-6, 0.4e-6  # where lines across round lamps begin, in radii: never on the outline of a surface
+_ROUNDING = 1e-5  # margin of the radius
 
 
 @kernel(error_model="numpy")
@@ -47,46 +49,53 @@ def outline_edges(
     for k in range(3):
         whole += (place[k] - start[k]) * place[AXIS + k]
     wide, high = (place[13], place[13]) if polar else (place[12], place[13])
-    way = np.empty(3)
+    # Components along the axis, across and down, of the way from the point; and of the point from the centre.
+    off_x, off_y = 0.0, 0.0
+    for k in range(3):
+        off_x += (start[k] - place[k]) * place[ACROSS + k]
+        off_y += (start[k] - place[k]) * place[DOWN + k]
+    x_axis, x_across, x_down = place[AXIS], place[ACROSS], place[DOWN]
+    y_axis, y_across, y_down = place[AXIS + 1], place[ACROSS + 1], place[DOWN + 1]
+    z_axis, z_across, z_down = place[AXIS + 2], place[ACROSS + 2], place[DOWN + 2]
+    way, across, down = np.empty(3), np.empty(3), np.empty(3)
     kept, certain = 0, True
     for item in range(count):
         face = found[item]
         least, most = np.inf, -np.inf
         for c in range(3):
-            way[c] = 0.0
-            for k in range(3):
-                way[c] += (corners[face, c, k] - start[k]) * place[AXIS + k]
-            way[c] /= whole
+            dx, dy, dz = corners[face, c, 0] - start[0], corners[face, c, 1] - start[1], corners[face, c, 2] - start[2]
+            way[c] = (dx * x_axis + dy * y_axis + dz * z_axis) / whole
+            across[c] = dx * x_across + dy * y_across + dz * z_across
+            down[c] = dx * x_down + dy * y_down + dz * z_down
             least, most = min(least, way[c]), max(most, way[c])
         if most < _NEAREST or least > 1.0:
             continue
         used, cut = 0, least < _NEAREST or most > 1.0
-        for c in range(3):
+        if not cut:
+            used = 3
+            for c in range(3):
+                scale = 1.0 / way[c]
+                outlines[kept, c, 0], outlines[kept, c, 1] = across[c] * scale + off_x, down[c] * scale + off_y
+        for c in range(3 if cut else 0):
             d = (c + 1) % 3
             # The part of a side from `begin` to `end` lies between the point and the lamp.
             begin, end = 0.0, 1.0
             step = way[d] - way[c]
-            if cut:
-                if step == 0.0:
-                    if way[c] < _NEAREST or way[c] > 1.0:
-                        continue
-                else:
-                    one, other = (_NEAREST - way[c]) / step, (1.0 - way[c]) / step
-                    begin, end = max(begin, min(one, other)), min(end, max(one, other))
-                    if begin > end:
-                        continue
+            if step == 0.0:
+                if way[c] < _NEAREST or way[c] > 1.0:
+                    continue
+            else:
+                one, other = (_NEAREST - way[c]) / step, (1.0 - way[c]) / step
+                begin, end = max(begin, min(one, other)), min(end, max(one, other))
+                if begin > end:
+                    continue
             for number in range(2 if end < 1.0 else 1):
                 share = begin if number == 0 else end
                 if used == 5:
                     continue
-                depth = max(way[c] + share * step, _NEAREST)
-                across, down = 0.0, 0.0
-                for k in range(3):
-                    value = corners[face, c, k] + share * (corners[face, d, k] - corners[face, c, k])
-                    value = (value - start[k]) / depth + start[k] - place[k]
-                    across += value * place[ACROSS + k]
-                    down += value * place[DOWN + k]
-                outlines[kept, used, 0], outlines[kept, used, 1] = across, down
+                scale = 1.0 / max(way[c] + share * step, _NEAREST)
+                outlines[kept, used, 0] = (across[c] + share * (across[d] - across[c])) * scale + off_x
+                outlines[kept, used, 1] = (down[c] + share * (down[d] - down[c])) * scale + off_y
                 used += 1
         if used < 3:
             continue
@@ -130,17 +139,43 @@ def outline_edges(
 
 
 @kernel(error_model="numpy")
+def trim_edges(edges: NDArray[np.float64], count: int, radius: float) -> Any:
+    """Keep the edges that meet a disc of a radius, in place, moved by a little.
+
+    Returns: Number of edges; and the optical depth at the centre of the disc, which is that of all of it without edges.
+    """
+    depth, kept = 0.0, 0
+    reach = (radius * (1.0 + _ROUNDING)) ** 2
+    for item in range(count):
+        ax, ay = edges[item, 0] - _ASIDE_X * radius, edges[item, 1] - _ASIDE_Y * radius
+        bx, by = edges[item, 2] - _ASIDE_X * radius, edges[item, 3] - _ASIDE_Y * radius
+        dx, dy = bx - ax, by - ay
+        # Edges that cross the line from the left to the centre.
+        if (ay > 0.0) != (by > 0.0) and (ax * by - ay * bx > 0.0) != (by > ay):
+            depth += edges[item, 4] if ay > 0.0 else -edges[item, 4]
+        square, along = dx * dx + dy * dy, -(ax * dx + ay * dy)
+        share = min(max(along / square, 0.0), 1.0) if square > 0.0 else 0.0
+        if (ax + share * dx) ** 2 + (ay + share * dy) ** 2 <= reach:
+            edges[kept, 0], edges[kept, 1], edges[kept, 2], edges[kept, 3] = ax, ay, bx, by
+            edges[kept, 4] = edges[item, 4]
+            kept += 1
+    return kept, depth
+
+
+@kernel(error_model="numpy")
 def line_pieces(
-    x0: float, y0: float, x1: float, y1: float, edges: NDArray[np.float64], count: int, marks: NDArray[np.float64],
-    pieces: NDArray[np.float64],
+    line: tuple[float, float, float, float], depth: float, begin: float, edges: NDArray[np.float64], count: int,
+    marks: NDArray[np.float64], pieces: NDArray[np.float64],
 ) -> Any:  # fmt: skip
     """Fill in the pieces of a line on the lamp that light reaches: begin, end, share. Return their number.
 
+    ``line``: Both ends. ``depth``, ``begin``: Optical depth at a place of the line at or before 0.
     ``edges``, ``count``: See `outline_edges`. ``marks``: Buffer, shape (n, 2). ``pieces``: Shape (n + 1, 3).
     """
+    x0, y0, x1, y1 = line
     dx, dy = x1 - x0, y1 - y0
     square = dx * dx + dy * dy
-    depth, used = 0.0, 0
+    used = 0
     for item in range(count):
         ax, ay = edges[item, 0] - x0, edges[item, 1] - y0
         bx, by = edges[item, 2] - x0, edges[item, 3] - y0
@@ -151,6 +186,8 @@ def line_pieces(
         at = ((ax + share * (bx - ax)) * dx + (ay + share * (by - ay)) * dy) / square
         # The surface begins where its edge crosses the line from left to right.
         change = edges[item, 4] if one > 0.0 else -edges[item, 4]
+        if at <= begin:
+            continue
         if at <= 0.0:
             depth += change
         elif at < 1.0:

@@ -149,30 +149,18 @@ class _Sheet:
         distance_mm: NDArray[np.float64],
     ) -> NDArray[np.bool_]:
         """Return which wanted points lie in the shadow of these surfaces, shape (n,)."""
-        own = self.numbers[faces]
+        from scenetruth.render.shading_kernels import behind_sphere
+
         hidden = np.zeros(len(faces), dtype=np.bool_)
-        reached = np.flatnonzero(wanted)
-        reached = reached[self._may_hide(lamp, starts_mm[reached])]
-        some = starts_mm[reached], own[reached]
+        reached = np.flatnonzero(behind_sphere(starts_mm, wanted, *self.sphere, lamp.axis, lamp.position_mm))
+        if not len(reached):
+            return hidden
+        some = starts_mm[reached], self.numbers[faces[reached]]
         if lamp.position_mm is None:
             hidden[reached] = self.caster.blocked_parallel(*some, np.ones(len(reached), dtype=np.bool_), -lamp.axis)
         else:
             hidden[reached] = self.caster.blocked(*some, to_light[reached], distance_mm[reached])
         return hidden
-
-    def _may_hide(self, lamp: Lamp, points_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which points lie behind the sphere around these surfaces, as seen from the lamp."""
-        centre, radius = self.sphere
-        apart = points_mm - centre
-        if lamp.position_mm is None:
-            along = apart @ lamp.axis
-            beside = np.einsum("nk,nk->n", apart, apart) - along**2
-            return np.asarray((beside <= radius**2) & (along >= -radius))
-        # The distance of the centre from the ray between lamp and point.
-        to_lamp = lamp.position_mm - points_mm
-        share = -np.einsum("nk,nk->n", apart, to_lamp) / np.einsum("nk,nk->n", to_lamp, to_lamp)
-        nearest = apart + np.clip(share, 0.0, 1.0)[:, None] * to_lamp
-        return np.asarray(np.linalg.norm(nearest, axis=1) <= radius)
 
 
 class Reflection:
@@ -186,11 +174,13 @@ class Reflection:
         self._sheets: tuple[RayCaster, list[_Sheet]] | None = None
 
     def light(
-        self, caster: RayCaster, lamps: list[Lamp], place: SeenPoints, optics: ReflectionTables | None = None
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint64], NDArray[np.uint64]]:
+        self, caster: RayCaster, lamps: list[Lamp], place: SeenPoints, optics: ReflectionTables | None = None,
+        *, centres: bool = False,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint64], NDArray[np.uint64]]:  # fmt: skip
         """Compute factors, gloss, state numbers and blocked lamps of points, see `shading.Arrived`.
 
         ``optics``: Parameters of the reflecting points in place of those of their materials, which cast the shadows.
+        ``centres``: Whether the points are those at the pixel centres of the prepared image.
         """
         from scenetruth.render.reflectance_kernels import reflect_ambient, reflect_light
 
@@ -199,7 +189,7 @@ class Reflection:
         factors, gloss = np.zeros((2, len(points_mm)))
         state, blocked = np.zeros((2, len(points_mm)), dtype=np.uint64)
         ambient = self._lighting.ambient_irradiance
-        fine = self._areas.ambient(caster, ambient, lamps, place, surface) if self._lighting.has_areas else None
+        fine = self._areas.ambient(caster, ambient, lamps, place, surface)
         if fine is not None:
             factors, gloss = fine.T.copy()
         else:
@@ -226,14 +216,17 @@ class Reflection:
             zone[back & (zone > 0)] += 2
             dark = np.zeros(len(points_mm), dtype=np.bool_)
             if self._lighting.shadows:
-                starts = np.where(front[:, None], place.starts_mm, points_mm)
+                starts, share = np.where(front[:, None], place.starts_mm, points_mm), np.ones(len(points_mm))
                 for sheet in self._sheets_at(caster):
                     hidden = sheet.hides(lamp, starts, faces, light > 0, to_light, distance)
                     light[hidden] *= sheet.transmittance
+                    share[hidden] *= sheet.transmittance
                     dark |= hidden
                     # Points behind different sheets are in different shadows.
                     zone[hidden] = zone[hidden] * 3 + 1
                 blocked |= dark.astype(np.uint64) << np.uint64(min(number, 63))
+                if centres and place.pixels is not None:
+                    self._areas.keep_shares(number, place.pixels, share)
             reflect_light(light, to_light, view, surface, factors, gloss)
             state = state * _MIX + zone
         return factors, gloss, state, blocked
@@ -249,21 +242,22 @@ class Reflection:
     def begin(
         self, caster: RayCaster, lamps: list[Lamp], place: SeenPoints, mixed: NDArray[np.bool_], pixel_angle: float
     ) -> None:
-        """Prepare the lamps with a size for one image, see `AreaLamps.begin`."""
-        if any(lamp.area is not None for lamp in lamps):
-            self._areas.begin(caster, lamps, place, self._surface(caster), mixed, pixel_angle)
+        """Prepare the lamps for one image, see `AreaLamps.begin`."""
+        self._areas.begin(caster, lamps, place, self._surface(caster), mixed, pixel_angle)
 
     def steep(self) -> NDArray[np.bool_] | None:
         """Return the pixels of the prepared image at borders of sharp shadows of lamps with a size."""
         return self._areas.steep() if self._lighting.has_areas else None
+
+    def mark_borders(self, borders: NDArray[np.bool_]) -> None:
+        """Mark borders of sharp shadows in the prepared image, see `AreaLamps.mark_borders`."""
+        self._areas.mark_borders(borders)
 
     def on_samples(
         self, caster: RayCaster, lamps: list[Lamp], origin_mm: NDArray[np.float64],
         samples: tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]],
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]] | None:  # fmt: skip
         """Return factors and gloss of samples in a prepared image, see `AreaLamps.on_samples`."""
-        if not self._lighting.has_areas:
-            return None
         surface = self._surface(caster)
         return self._areas.on_samples(caster, self._lighting.ambient_irradiance, lamps, origin_mm, samples, surface)
 

@@ -129,6 +129,7 @@ class Shader:
         self._world = world
         self._corner_normals: tuple[float, NDArray[np.float64]] | None = None
         self._shadows: ShadowCaster | None = None
+        self._lamps: tuple[float, list[Lamp]] | None = None
         self.simple = all(material.matt for material, _ in world.materials) and not lighting.has_areas
         self._reflection = Reflection(lighting, world)
 
@@ -153,7 +154,7 @@ class Shader:
         ``optics``: See `Reflection.light`; not with ``pixels``.
         """
         if pixels is not None and not self.simple and (hits.face >= 0).all():
-            origin, lamps = np.asarray(origin_mm, dtype=np.float64), self._lighting.lamps_at(t)
+            origin, lamps = np.asarray(origin_mm, dtype=np.float64), self._lamps_at(t)
             quick = self._reflection.on_samples(caster, lamps, origin, (pixels, hits.face, hits.weights))
             if quick is not None:
                 return self._complete(caster, t, origin, directions, hits, pixels, quick)
@@ -203,7 +204,7 @@ class Shader:
             caster.face_normals,
         )
         starts = self._smooth(caster, t, points, normals, hits, seen) if self._world.face_smooth.any() else points
-        lamps = self._lighting.lamps_at(t)
+        lamps = self._lamps_at(t)
         factors, (state, blocked) = np.ones(len(directions)), np.zeros((2, len(directions)), dtype=np.uint64)
         gloss = None
         if self.simple and optics is None:
@@ -218,7 +219,7 @@ class Shader:
                 place = place._replace(pixels=seen)
                 angle = largest_pixel_angle(directions, mixed.shape[1])
                 self._reflection.begin(caster, lamps, place, mixed, angle)
-            found_light = self._reflection.light(caster, lamps, place, optics)
+            found_light = self._reflection.light(caster, lamps, place, optics, centres=mixed is not None)
             if len(seen) == len(directions):
                 return Arrived(*found_light)
             gloss = np.zeros(len(directions))
@@ -272,7 +273,7 @@ class Shader:
     ) -> NDArray[np.uint64]:
         """Return the blocked lamps at points on faces for which they are not decided, shape (n,)."""
         blocked = np.zeros(len(faces), dtype=np.uint64)
-        for number, lamp in enumerate(self._lighting.lamps_at(t)):
+        for number, lamp in enumerate(self._lamps_at(t)):
             wanted = face_light.by_lamp[faces, number] < 0
             if wanted.any():
                 dark = self._shadow_caster(caster).blocked_parallel(
@@ -286,7 +287,7 @@ class Shader:
 
         def changed(points_mm: NDArray[np.float64], line: NDArray[np.int64], lines: SurfaceLines) -> NDArray[np.bool_]:
             along, found = lines.ends_mm - lines.starts_mm, np.zeros(len(line), dtype=np.bool_)
-            for number, lamp in enumerate(self._lighting.lamps_at(t)):
+            for number, lamp in enumerate(self._lamps_at(t)):
                 own = np.flatnonzero(lines.label[line] == number)
                 of, face = line[own], lines.face[line[own]]
                 shadows, normals = self._shadow_caster(caster), caster.face_normals[face]
@@ -375,7 +376,7 @@ class Shader:
         """
         from scenetruth.raycast.shadow_kernels import BLOCKED, LIT, UNSURE
 
-        lamps = self._lighting.lamps_at(t)
+        lamps = self._lamps_at(t)
         near = any(lamp.position_mm is not None for lamp in lamps)
         if not self.simple or len(lamps) > 64 or near:
             return None
@@ -430,6 +431,8 @@ class Shader:
         if light.gloss is not None:
             gloss = light.gloss.reshape(mixed.shape)
             uneven |= uneven_pixels(gloss, zones, face, mixed, _STEEPEST * max(brightest, float(gloss.max())))[0]
+        if not self.simple:
+            self._reflection.mark_borders(borders)
         return PixelLight(shade, face, mixed, uneven, borders, light.blocked.reshape(mixed.shape), gloss)
 
     def _smooth(
@@ -456,6 +459,12 @@ class Shader:
             self._world.face_smooth,
         )
         return starts
+
+    def _lamps_at(self, t: float) -> list[Lamp]:
+        """Return the lamps, which several calls for one image have in common."""
+        if self._lamps is None or self._lamps[0] != t:
+            self._lamps = (t, self._lighting.lamps_at(t))
+        return self._lamps[1]
 
     def _shadow_caster(self, caster: RayCaster) -> ShadowCaster:
         common: ShadowCaster | None = getattr(caster, "shadows", None)

@@ -12,6 +12,7 @@ from scenetruth.threads import in_bands
 
 __all__ = [
     "add_light",
+    "behind_sphere",
     "direct_light",
     "facing_points",
     "lit_means",
@@ -200,6 +201,48 @@ def _direct_light(
             value *= facing
         light[n], zone[n], distance[n] = value, place, length
         to_light[n, 0], to_light[n, 1], to_light[n, 2] = lx, ly, lz
+
+
+def behind_sphere(
+    points: NDArray[np.float64],
+    wanted: NDArray[np.bool_],
+    centre: NDArray[np.float64],
+    radius: float,
+    axis: NDArray[np.float64],
+    position: NDArray[np.float64] | None,
+) -> NDArray[np.bool_]:
+    """Return which wanted points lie in or behind a sphere, as seen from a lamp, shape (n,).
+
+    ``points``: In mm, shape (n, 3). ``axis``: Unit vector of the light direction, shape (3,).
+    ``position``: Position of the lamp in mm, shape (3,); None for parallel light.
+    """
+    found = np.empty(len(points), dtype=np.bool_)
+    lamp = (axis, np.zeros(3) if position is None else position, position is None)
+    in_bands(_behind_sphere, len(points), points, wanted, centre, radius, *lamp, found, least=_LEAST_EASY_POINTS)
+    return found
+
+
+@kernel(error_model="numpy")
+def _behind_sphere(
+    low: int, high: int, points: NDArray[np.float64], wanted: NDArray[np.bool_], centre: NDArray[np.float64],
+    radius: float, axis: NDArray[np.float64], position: NDArray[np.float64], parallel_light: bool,
+    found: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    for n in range(np.uint64(low), np.uint64(high)):
+        if not wanted[n]:
+            found[n] = False
+            continue
+        dx, dy, dz = points[n, 0] - centre[0], points[n, 1] - centre[1], points[n, 2] - centre[2]
+        if parallel_light:
+            along = dx * axis[0] + dy * axis[1] + dz * axis[2]
+            found[n] = along >= -radius and dx * dx + dy * dy + dz * dz - along * along <= radius * radius
+            continue
+        # The distance of the centre from the ray between lamp and point.
+        lx, ly, lz = position[0] - points[n, 0], position[1] - points[n, 1], position[2] - points[n, 2]
+        share = -(dx * lx + dy * ly + dz * lz) / (lx * lx + ly * ly + lz * lz)
+        share = min(max(share, 0.0), 1.0)
+        x, y, z = dx + share * lx, dy + share * ly, dz + share * lz
+        found[n] = x * x + y * y + z * z <= radius * radius
 
 
 def add_light(
