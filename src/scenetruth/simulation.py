@@ -215,7 +215,8 @@ def make_truth(
     ArgumentError
         If arguments are invalid; lists every problem.
     SceneError
-        If the scene is invalid, exceeds a limit, or no object is visible.
+        If the scene is invalid or exceeds a limit, no object is visible, or maps of light are chosen for a camera with
+        bands.
 
     See Also
     --------
