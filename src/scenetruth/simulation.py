@@ -129,7 +129,8 @@ def simulate(
     ArgumentError
         If arguments are invalid; lists every problem.
     SceneError
-        If the scene is invalid or exceeds a limit, or no part of it is visible.
+        If the scene is invalid or exceeds a limit, no part of it is visible, or maps of light are chosen for a camera
+        with bands.
     BackendUnavailableError
         If the specified render backend is unavailable.
 
@@ -214,7 +215,8 @@ def make_truth(
     ArgumentError
         If arguments are invalid; lists every problem.
     SceneError
-        If the scene is invalid, exceeds a limit, or no object is visible.
+        If the scene is invalid or exceeds a limit, no object is visible, or maps of light are chosen for a camera with
+        bands.
 
     See Also
     --------
