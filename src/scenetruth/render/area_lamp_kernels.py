@@ -354,6 +354,10 @@ def _unshaded_light(
         m = materials[faces[n]]
         if _face_lamp(lamp, points[n], place):
             lines, side = _set_lines(place, polar, points[n], normals[n], values[m])
+            if values[m, 0] <= 1.0 and values[m, 3] == 0.0 and side != 0:
+                light = _closed_form(place, polar, points[n], normals[n])
+                out[n, 0] = light * values[m, 9] if side > 0 else -light * values[m, 4]
+                continue
             frame = frame_of(normals[n], tangents[faces[n]])
             eye = towards(frame, origin, points[n])
             optics = (frame, eye, entering(tables[m], eye), values[m], tables[m])

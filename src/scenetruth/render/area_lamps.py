@@ -372,7 +372,7 @@ class AreaLamps:
         assert place.pixels is not None
         bodies, distance = self._world.face_body[place.faces], np.linalg.norm(place.points_mm - place.origin_mm, axis=1)
         apart, row_major = _APART * view.pixel_angle, place.pixels
-        found = shares.reshape(-1, 2)[row_major]
+        found: NDArray[np.float64] = shares.reshape(-1, 2)[row_major]
         close = np.abs(view.distance_mm.ravel()[row_major] - distance) < apart * distance
         other = np.flatnonzero(~(view.centres.ravel()[row_major] & (view.body.ravel()[row_major] == bodies) & close))
         points, image = (bodies[other], distance[other]), (view.body, view.distance_mm)
