@@ -494,7 +494,10 @@ def _line_borders(
     place: NDArray[np.float64], polar: bool, lines: int, edges: NDArray[np.float64], count: int,
     borders: NDArray[np.float64],
 ) -> Any:  # fmt: skip
-    """Fill in the borders of intervals of lines, ascending: at equal steps, and where edges enter or leave the lamp."""
+    """Fill in the borders of intervals of lines, ascending: at equal steps, and through bends of the visible part.
+
+    These are where edges enter or leave the lamp, and, of long edges, ends and crossings.
+    """
     for number in range(lines + 1):
         borders[number] = number / lines
     used = lines + 1
@@ -522,6 +525,21 @@ def _line_borders(
             far, inner = x * x + y * y, place[SIZES]
             if (inner * inner < far < place[SIZES + 1] ** 2) if polar else (abs(x) < inner):
                 used = _add_border(place, polar, x, y, borders, used)
+            # Where edges of several surfaces cross.
+            for other in range(item):
+                ax, ay = edges[other, 0] - x, edges[other, 1] - y
+                bx, by = edges[other, 2] - x, edges[other, 3] - y
+                one, two = dx * ay - dy * ax, dx * by - dy * bx
+                if (one > 0.0) == (two > 0.0):
+                    continue
+                part = one / (one - two)
+                share = ((ax + part * (bx - ax)) * dx + (ay + part * (by - ay)) * dy) / square
+                if share <= 0.0 or share >= 1.0:
+                    continue
+                u, v = x + share * dx, y + share * dy
+                far = u * u + v * v
+                if (inner * inner < far < place[SIZES + 1] ** 2) if polar else (abs(u) < inner):
+                    used = _add_border(place, polar, u, v, borders, used)
     return used
 
 
