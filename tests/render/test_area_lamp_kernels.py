@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as some
 from numpy.typing import NDArray
 
@@ -255,6 +255,7 @@ def test_sheets_let_light_through() -> None:
     assert shares == pytest.approx(0.3 + 0.7 * segment(x / 50), abs=1e-3)
 
 
+@example(1766)  # corners of outlines inside the lamp
 @given(some.integers(0, 2**32 - 1))
 def test_triangles_hide_their_area(seed: int) -> None:
     generator = np.random.default_rng(seed)
@@ -273,7 +274,7 @@ def test_triangles_hide_their_area(seed: int) -> None:
             for p, q in ((a, b), (b, c), (c, a))
         ]
         hidden |= (np.min(sides, axis=0) > 0) | (np.max(sides, axis=0) < 0)
-    assert shares[0, 0] == pytest.approx(1 - hidden.mean(), abs=5e-3)
+    assert shares[0, 0] == pytest.approx(1 - hidden.mean(), abs=3e-3)
     assert (state[0] == 0) == (shares[0, 0] < 1) or hidden.mean() < 5e-3
 
 

@@ -109,6 +109,36 @@ def test_interpolation_agrees_with_light_at_every_sample(lamp: Any, monkeypatch:
     assert expected.max() > 0.3
 
 
+@pytest.mark.parametrize("kind", ["directional", *by_night("point")])
+def test_light_of_corners_and_centres_agrees_with_light_at_every_sample(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lamp: dict[str, Any] = {"kind": "directional", "direction": [0.3, 0.2, 1], "irradiance": 0.8}
+    if kind == "point":
+        lamp = {"kind": "point", "position_mm": [-120, -80, 100], **STRENGTH}
+    leaf = sheet(-8.0, material={"transmittance": 0.3}) | {"pose": {"position_mm": [-208, 0, 430]}}
+    ball = BOWL | {"material": {"refractive_index": 1.5, "roughness": 0.5}}
+    plain = scene_of(objects=[ground(), ball, leaf], ambient=0.2).model_dump(mode="json")
+    scene = st.load_scene({**plain, "lighting": {"ambient": 0.2, "lights": [lamp]}})
+    quick, shares = AreaLamps.on_samples, []
+
+    def counted(self: AreaLamps, *given: Any) -> Any:
+        found = quick(self, *given)
+        assert found is not None
+        shares.append((len(found[0]), len(found[2])))
+        return found
+
+    monkeypatch.setattr(AreaLamps, "on_samples", counted)
+    found = image_of(scene)
+    monkeypatch.undo()
+    expected = exact_image(scene, monkeypatch)
+    assert np.abs(found - expected).max() < 2e-4
+    # Most samples away from shadows and outlines are not computed one by one.
+    some, left = np.sum(shares, axis=0)
+    assert left < 0.5 * some
+    assert expected.max() > 0.3
+
+
 def test_tiny_lamps_are_points() -> None:
     objects = [ground(), BOWL]
     place = {"position_mm": BALL["position_mm"]}

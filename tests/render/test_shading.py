@@ -334,6 +334,23 @@ def test_uneven_pixels_against_a_plain_reading() -> None:
     assert 0.1 < expected.mean() < 0.9
 
 
+@pytest.mark.parametrize("near", [False, True])
+def test_points_behind_a_sphere_by_samples_of_their_rays(near: bool) -> None:
+    from scenetruth.render.shading_kernels import behind_sphere
+
+    generator = np.random.default_rng(5)
+    points, centre, radius = generator.uniform(-10, 10, (400, 3)), np.array([1.0, -2.0, 0.5]), 3.0
+    axis, place = np.array([0.0, 0.6, 0.8]), np.array([2.0, -9.0, -12.0])
+    wanted = generator.uniform(size=400) < 0.9
+    found = behind_sphere(points, wanted, centre, radius, axis, place if near else None)
+    steps = np.linspace(0, 1, 4001)
+    along = (place - points if near else -40 * np.broadcast_to(axis, points.shape))[:, None] * steps[:, None]
+    nearest = np.linalg.norm(points[:, None] + along - centre, axis=2).min(axis=1)
+    clear = np.abs(nearest - radius) > 0.02
+    assert np.array_equal(found[clear], (wanted & (nearest < radius))[clear])
+    assert 20 < found.sum() < 300
+
+
 def render_auto(scene: Scene, t: float = 0.0) -> Image:
     from scenetruth.render import choose_renderer
 

@@ -354,6 +354,10 @@ def _unshaded_light(
         m = materials[faces[n]]
         if _face_lamp(lamp, points[n], place):
             lines, side = _set_lines(place, polar, points[n], normals[n], values[m])
+            if values[m, 0] <= 1.0 and values[m, 3] == 0.0 and side != 0:
+                light = _closed_form(place, polar, points[n], normals[n])
+                out[n, 0] = light * values[m, 9] if side > 0 else -light * values[m, 4]
+                continue
             frame = frame_of(normals[n], tangents[faces[n]])
             eye = towards(frame, origin, points[n])
             optics = (frame, eye, entering(tables[m], eye), values[m], tables[m])
@@ -490,7 +494,10 @@ def _line_borders(
     place: NDArray[np.float64], polar: bool, lines: int, edges: NDArray[np.float64], count: int,
     borders: NDArray[np.float64],
 ) -> Any:  # fmt: skip
-    """Fill in the borders of intervals of lines, ascending: at equal steps, and where edges enter or leave the lamp."""
+    """Fill in the borders of intervals of lines, ascending: at equal steps, and through bends of the visible part.
+
+    These are where edges enter or leave the lamp, and, of long edges, ends and crossings.
+    """
     for number in range(lines + 1):
         borders[number] = number / lines
     used = lines + 1
@@ -518,6 +525,21 @@ def _line_borders(
             far, inner = x * x + y * y, place[SIZES]
             if (inner * inner < far < place[SIZES + 1] ** 2) if polar else (abs(x) < inner):
                 used = _add_border(place, polar, x, y, borders, used)
+            # Where edges of several surfaces cross.
+            for other in range(item):
+                ax, ay = edges[other, 0] - x, edges[other, 1] - y
+                bx, by = edges[other, 2] - x, edges[other, 3] - y
+                one, two = dx * ay - dy * ax, dx * by - dy * bx
+                if (one > 0.0) == (two > 0.0):
+                    continue
+                part = one / (one - two)
+                share = ((ax + part * (bx - ax)) * dx + (ay + part * (by - ay)) * dy) / square
+                if share <= 0.0 or share >= 1.0:
+                    continue
+                u, v = x + share * dx, y + share * dy
+                far = u * u + v * v
+                if (inner * inner < far < place[SIZES + 1] ** 2) if polar else (abs(u) < inner):
+                    used = _add_border(place, polar, u, v, borders, used)
     return used
 
 

@@ -49,7 +49,7 @@ def outline_edges(
     for k in range(3):
         whole += (place[k] - start[k]) * place[AXIS + k]
     wide, high = (place[13], place[13]) if polar else (place[12], place[13])
-    # Components along the axis, across and down, of the way from the point; and of the point from the centre.
+    # Components along the axis, across and down, of the step from the point; and of the point from the centre.
     off_x, off_y = 0.0, 0.0
     for k in range(3):
         off_x += (start[k] - place[k]) * place[ACROSS + k]
