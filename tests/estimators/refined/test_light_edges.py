@@ -13,6 +13,7 @@ import scenetruth as st
 from scenetruth.estimators.refined import FrameDifferences, compare_velocities
 from scenetruth.indexing import centred_indices
 from scenetruth.schema import make_recording
+from tests.helpers.nightly import nightly
 from tests.helpers.wavy_plane import MovingPlane
 
 SHAPE = (40, 48)
@@ -81,27 +82,28 @@ def test_changes_differ_from_noise_other_surfaces_and_motion(frames: int) -> Non
 
 
 def shaded(depth: float, seed: int = 0) -> tuple[xr.Dataset, MovingPlane]:
-    """A plane that moves under the shadow of a rod at rest, which lies on it."""
+    """A plane that moves under the shadow of a rod at rest, which is the same for all cameras."""
     plane = MovingPlane(size=(56, 72), slopes=(0.0, 0.0), velocity_mm=(0.4, 0.0, 0.0), waves=24)
     x = np.arange(72.0)
     images = np.empty((3, 5, 56, 72))
     disparity = plane.focal_px * plane.baseline_mm / plane.depth_mm
     for i, s in enumerate(centred_indices(3)):
         at = x + disparity * s - 36.0
-        light = 1.0 - depth * (1.0 / (1.0 + np.exp(-(at + 7.0) / 0.8)) - 1.0 / (1.0 + np.exp(-(at - 7.0) / 0.8)))
+        left, right = (1.0 / (1.0 + np.exp(-(at + side) / 0.8)) for side in (7.0, -7.0))
+        light = 1.0 - depth * (left - right)
         for j, t in enumerate(centred_indices(5)):
             images[i, j] = light * plane.image((plane.baseline_mm * s, 0.0), t)
     images += np.random.default_rng(seed).normal(0.0, NOISE_STD, images.shape)
     return make_recording(images, plane.focal_px, plane.baseline_mm), plane
 
 
+@nightly
 def test_error_by_a_shadow_at_rest_is_stated() -> None:
     recording, plane = shaded(0.7)
     found = st.estimate(recording, "refined").isel(t=0)
     valid = (found["valid"].values == 1) & (np.abs(np.arange(72) - 35.5) < 14)
-    assert valid.mean() > 0.2
+    assert valid.mean() > 0.1
     error = found["velocity"].values[0] - plane.velocity_mm[0]
     z = np.abs(error / found["velocity_std"].values[0])[valid]
-    print(np.sqrt(np.mean(z**2)), np.mean(z > 6), valid.mean())
-    assert np.mean(z > 6) < 0.01
-    assert np.sqrt(np.mean(z**2)) < 2.0
+    # Without the comparison, 1.6.
+    assert np.sqrt(np.mean(z**2)) < 1.25

@@ -30,7 +30,7 @@ from scenetruth.estimators.refined.row_bands import (
     local_means,
     window_weights,
 )
-from scenetruth.schema.variables import MOTION_ACCELERATED_IN_PART
+from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART
 
 __all__ = ["FrameDifferences", "add_light_edges", "compare_velocities"]
 
@@ -42,7 +42,7 @@ _CHANGED, _OF_FRAME, _FRAMES = 3.0, 2.0, 5
 _DISPLACED_PX = 0.02
 # Standard deviations from which the difference of velocities is significant.
 _SIGNIFICANT = 2.0
-_SPREAD_PX = 1  # distance in px to which pixels next to changed ones are not used
+_SPREAD_PX = 1  # distance in px to which neighbours of changed pixels are not used
 _CUT = 2.0  # half-width of windows in standard deviations
 # Largest share of changed pixels in a wider window, relative to the window's σ: edges are lines, an unsteady motion
 # changes all textured pixels.
@@ -75,7 +75,7 @@ class FrameDifferences:
 
     @classmethod
     def blank(cls, shape: tuple[int, int], times: NDArray[np.float64]) -> FrameDifferences:
-        """Return maps without known pixels, of images with these times."""
+        """Return maps without any pixel, of images with these times."""
         known, squares = np.zeros(shape, dtype=np.bool_), np.full(shape, np.sum((times - times.mean()) ** 2))
         return cls(known, np.zeros(shape), np.zeros(shape), np.zeros((3, *shape)), np.zeros((2, *shape)), squares)
 
@@ -101,10 +101,11 @@ def add_light_edges(refined: RefinedState, settings: RefinedSettings) -> Fit:
     theta = fill_gaps(fit.theta, known)
     reach = window_weights(sigma).shape[2] // 2
     apart = around(_find_outlines(refined.images, theta, reach), reach)
-    steady = (refined.motion != MOTION_ACCELERATED_IN_PART) & ~(fit.images < _ALL_IMAGES * images.count)
+    unsteady = (refined.motion == MOTION_ACCELERATED) | (refined.motion == MOTION_ACCELERATED_IN_PART)
+    unsteady |= fit.images < _ALL_IMAGES * images.count
     # Pixels with images of one frame that agree leave this residual.
     least = 1.0 + (_CHANGED - 1.0) * (frames - 1) / (frames * cameras - 1)
-    left = (refined.seen.square > least * noise**2) & np.isfinite(refined.seen.square) & steady & ~apart
+    left = (refined.seen.square > least * noise**2) & np.isfinite(refined.seen.square) & ~unsteady & ~apart
     if not left.any():
         return fit
     fields = np.ascontiguousarray(extract_fields(theta))
@@ -113,16 +114,15 @@ def add_light_edges(refined: RefinedState, settings: RefinedSettings) -> Fit:
     seen = _compare_frames(images, np.where(near, fields, np.nan), weights, noise)
     changed = seen.find_changed(frames, noise)
     share = gaussian_mean(changed.astype(np.float64), _WIDER * sigma, _CUT)
-    edges = changed & steady & ~apart & (share < _MOST_CHANGED)
+    edges = changed & ~unsteady & ~apart & (share < _MOST_CHANGED)
     if not edges.any():
         return fit
     change, hidden = compare_velocities(seen, changed, _image_velocity(images, fields), sigma, noise)
     variance = fit.variance.copy()
-    change, hidden = (np.asarray(images.transfers**2 * each / theta[0] ** 2) for each in (change, hidden))
-    with np.errstate(invalid="ignore"):
-        where = (
-            near & ~apart & around(edges, reach) & (((change + hidden) / variance[3:5]).sum(axis=0) > _SIGNIFICANT**2)
-        )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        change, hidden = (np.asarray(images.transfers**2 * each / theta[0] ** 2) for each in (change, hidden))
+        significant = ((change + hidden) / variance[3:5]).sum(axis=0) > _SIGNIFICANT**2
+    where = significant & near & around(edges, reach) & ~apart & ~unsteady
     variance[3:5] += np.where(where & np.isfinite(change + hidden), change + hidden, 0.0)
     return fit._replace(variance=variance)
 
