@@ -122,7 +122,7 @@ class PenumbraCase(LightCase):
     logarithmic = True
 
     def scene(self, value: float) -> Mapping[str, Any]:
-        """Return the sheet under the lamp, and the bar beside the view of the cameras."""
+        """Return the sheet under the lamp, and the bar next to the view of the cameras."""
         bar = build_wall("bar", distance_mm=640.0, size_mm=(12, 300), centre_mm=(-72.0, 0.0), velocity=(0.0, 0.0, 0.0))
         lamp = {
             "kind": "disc",
