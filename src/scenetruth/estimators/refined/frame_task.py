@@ -330,7 +330,7 @@ def _fit(
     found = add_growth_bias(found)
     fit = light.added(found.fit, beside.where)
     found = replace(found, fit=systematic.added(fit, beside.where))
-    found = replace(found, fit=add_light_edges(found, settings))
+    found = add_light_edges(found, settings)
     wide = found.images if beyond is None else join_frames(found.images, beyond)
     return check_time_resolution(found, beside.where, wide, settings), beside
 

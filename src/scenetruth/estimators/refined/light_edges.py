@@ -9,7 +9,7 @@ added to the variances.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,6 @@ from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState
 from scenetruth.estimators.refined.kernels.smoothing import gaussian_mean
 from scenetruth.estimators.refined.kernels.warp import STEADY
-from scenetruth.estimators.refined.kernels.window_solver import Fit
 from scenetruth.estimators.refined.row_bands import (
     FIT_LIMITS,
     NO_OCCLUSION,
@@ -90,14 +89,14 @@ class FrameDifferences:
         return np.asarray(self.known & changed & (square > _DISPLACED_PX**2 * gradient))
 
 
-def add_light_edges(refined: RefinedState, settings: RefinedSettings) -> Fit:
-    """Return the fit with the errors of velocities at edges of light in its variances."""
+def add_light_edges(refined: RefinedState, settings: RefinedSettings) -> RefinedState:
+    """Return the fit with the squared errors of velocities at edges of light."""
     images, fit, sigma = refined.images.included(), refined.fit, settings.window_sigma_px
     frames, cameras = len(images.times), len(images.positions)
     known = np.asarray(np.isfinite(fit.theta).all(axis=0))
     noise = images.residual_noise(fit.residual[0])
     if min(frames, cameras) == 1 or not known.any() or not noise > 0.0:
-        return fit
+        return refined
     theta = fill_gaps(fit.theta, known)
     reach = window_weights(sigma).shape[2] // 2
     apart = around(_find_outlines(refined.images, theta, reach), reach)
@@ -107,7 +106,7 @@ def add_light_edges(refined: RefinedState, settings: RefinedSettings) -> Fit:
     least = 1.0 + (_CHANGED - 1.0) * (frames - 1) / (frames * cameras - 1)
     left = (refined.seen.square > least * noise**2) & np.isfinite(refined.seen.square) & ~unsteady & ~apart
     if not left.any():
-        return fit
+        return refined
     fields = np.ascontiguousarray(extract_fields(theta))
     weights = window_weights(sigma)[0, 0] if settings.photometric_model == "per_image" else None
     near = around(left, 2 * reach)
@@ -116,15 +115,14 @@ def add_light_edges(refined: RefinedState, settings: RefinedSettings) -> Fit:
     share = gaussian_mean(changed.astype(np.float64), _WIDER * sigma, _CUT)
     edges = changed & ~unsteady & ~apart & (share < _MOST_CHANGED)
     if not edges.any():
-        return fit
+        return refined
     change, hidden = compare_velocities(seen, changed, _image_velocity(images, fields), sigma, noise)
-    variance = fit.variance.copy()
+    variance = fit.variance
     with np.errstate(divide="ignore", invalid="ignore"):
         change, hidden = (np.asarray(images.transfers**2 * each / theta[0] ** 2) for each in (change, hidden))
         significant = ((change + hidden) / variance[3:5]).sum(axis=0) > _SIGNIFICANT**2
     where = significant & near & around(edges, reach) & ~apart & ~unsteady
-    variance[3:5] += np.where(where & np.isfinite(change + hidden), change + hidden, 0.0)
-    return fit._replace(variance=variance)
+    return replace(refined, light_edges=np.where(where & np.isfinite(change + hidden), change + hidden, 0.0))
 
 
 def compare_velocities(
