@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from scenetruth.estimators.refined.kernels.window_solver import Fit, Model
     from scenetruth.estimators.refined.lattice import lattice_step
     from scenetruth.estimators.refined.lens_distortion import Lens, compute_jacobian, distort, lens_problems, undistort
+    from scenetruth.estimators.refined.light_edges import FrameDifferences, compare_velocities
     from scenetruth.estimators.refined.mean_image import MeanImage, find_outlines
     from scenetruth.estimators.refined.model_tests import (
         Alternative,
@@ -105,6 +106,7 @@ __all__ = [
     "DefectFilteredFrames",
     "Elimination",
     "Fit",
+    "FrameDifferences",
     "FramesNeeded",
     "GreyVariance",
     "GrowthComparison",
@@ -131,6 +133,7 @@ __all__ = [
     "choose_frames_beyond",
     "choose_tiles",
     "compare_growth",
+    "compare_velocities",
     "compute_calibration_effect",
     "compute_common_variance",
     "compute_jacobian",
@@ -222,6 +225,7 @@ __getattr__, __dir__ = export_lazily(
         "kernels.window_solver": "Fit Model",
         "lattice": "lattice_step",
         "lens_distortion": "Lens compute_jacobian distort lens_problems undistort",
+        "light_edges": "FrameDifferences compare_velocities",
         "mean_image": "MeanImage find_outlines",
         "model_tests": "Alternative Linearisation at_nodes enlarged find_far of_nearest_node",
         "noise_estimation": (

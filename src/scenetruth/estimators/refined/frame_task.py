@@ -32,6 +32,7 @@ from scenetruth.estimators.refined.initialisation import (
 )
 from scenetruth.estimators.refined.iterations import RefinedState, refine
 from scenetruth.estimators.refined.lens_distortion import as_pinhole, read_lens
+from scenetruth.estimators.refined.light_edges import add_light_edges
 from scenetruth.estimators.refined.motion_model_selection import refit_motion_models
 from scenetruth.estimators.refined.noise_estimation import photon_transfer_variance
 from scenetruth.estimators.refined.output_maps import (
@@ -329,6 +330,7 @@ def _fit(
     found = add_growth_bias(found)
     fit = light.added(found.fit, beside.where)
     found = replace(found, fit=systematic.added(fit, beside.where))
+    found = add_light_edges(found, settings)
     wide = found.images if beyond is None else join_frames(found.images, beyond)
     return check_time_resolution(found, beside.where, wide, settings), beside
 

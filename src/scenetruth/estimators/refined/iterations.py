@@ -87,6 +87,8 @@ class RefinedState:
     """Fits of fewer frames and smaller windows to pixels of the plain motion model; empty if there are none."""
     unresolved: NDArray[np.bool_] | None = None
     """Where two or three frames do not resolve the motion; None if it is tested nowhere."""
+    light_edges: Map | None = None
+    """Squared errors of q_X and q_Y at edges of light, shape (2, y, x); None if there are none."""
 
 
 def refine(

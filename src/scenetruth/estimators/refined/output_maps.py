@@ -178,6 +178,8 @@ def compute_maps(
         left = np.sqrt(fit.residual[0]) / images.transfers
         usual = images.residual_noise(fit.residual[0]) / images.transfer
         variance = fit.variance / images.transfers**2
+        if refined.light_edges is not None:
+            variance[3:5] += refined.light_edges / np.asarray(images.transfers) ** 2
         common, of_element = None, None
         if calibration is not None or poses is not None:
             errors, effect = poses or refined.cameras, None

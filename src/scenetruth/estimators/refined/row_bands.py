@@ -32,6 +32,7 @@ __all__ = [
     "RowBand",
     "around",
     "bands",
+    "even_images",
     "local_gradient",
     "local_means",
     "pieces",
@@ -177,7 +178,7 @@ def bands(
         for stack in stacks:
             count = end - first
             brightness = window if gains else None
-            even, gradient = _channel(stack, view, fields, hidden, bad, first, brightness, least, count)
+            even, gradient = even_images(stack, view, fields, hidden, bad, first, brightness, least, count)
             add = partial(add_products, view, fields, even, gradient, first, least, images.variance, products)
             in_threads(add, pieces(0, count))
             for each, part in zip(subsets, parts, strict=True):
@@ -195,7 +196,7 @@ def pieces(first: int, end: int, step: int = 1) -> list[tuple[int, int]]:
     return [(row, min(row + size, end)) for row in range(first, end, size)]
 
 
-def _channel(
+def even_images(
     coefficients: list[NDArray[np.float32]],
     view: ImageView,
     fields: Map,
