@@ -59,6 +59,7 @@ docs:
 	$(PYTHON_BIN)/python -m sphinx -q -W --keep-going -j 2 -b html -d outputs/site_cache/doctrees docs outputs/site || \
 		{ rm -rf outputs/site_cache/doctrees; exit 1; }
 	PYTHONPATH=docs/_ext $(PYTHON_BIN)/python -m scenetruth_site.dead_links outputs/site
+	$(PYTHON_BIN)/python -m pytest -q -n0 tests/docs/test_search.py
 	@echo "open outputs/site/index.html"
 
 gallery: setup

@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
-from docutils import nodes
+
+if TYPE_CHECKING:
+    from docutils import nodes
 
 __all__ = ["RANKING", "connect_search", "search_script", "search_words"]
 
@@ -37,6 +39,8 @@ def connect_search(app: Any) -> None:
 
 def _add_keywords(app: Any, document: nodes.document) -> None:
     """Add the words of the phrases of a page to its keywords, which the search includes one by one."""
+    from docutils import nodes
+
     words = dict.fromkeys(" ".join(search_words().get(app.env.docname, ())).split())
     if words:
         document.insert(0, nodes.meta("", name="keywords", content=", ".join(words)))
