@@ -29,7 +29,7 @@ from scenetruth.scene.scene_models import Scene
 from scenetruth.scene.scene_report import check_scene
 from scenetruth.schema import IncrementalDataset, Put
 from scenetruth.storage import RECORDING, SCENE, TRUTH, StoreWriter, store_name
-from scenetruth.threads import in_order
+from scenetruth.threads import in_order, with_one_blas_thread
 from scenetruth.truth import (
     TruthMaps,
     TruthOptions,
@@ -319,6 +319,7 @@ class _Work:
         """Return the truth with blank maps; requires `opened`, to whose recording it belongs."""
         return blank_truth(self.scene, choice, self.provenance)
 
+    @with_one_blas_thread
     def perform(self, choice: TruthOptions, put_image: Put, put_map: Put) -> None:
         """Render all images, apply the sensor model, and compute the truth, in several threads; requires `opened`."""
         scene, progress = self.scene, self.progress

@@ -137,7 +137,7 @@ def bands(count: int) -> list[tuple[int, int]]:
 
 
 def with_one_blas_thread(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Return a function whose linear algebra runs in one thread, for many matrices of a few hundred rows.
+    """Return a function whose linear algebra runs in one thread, for many small matrices, or in threads of our own.
 
     On busy processors, threads of BLAS that wait for each other take several times as long as one.
     """
