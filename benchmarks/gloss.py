@@ -44,7 +44,7 @@ RING = (
     "lighting.lights=[{kind: ring, position_mm: [0, 0, 0], direction: [0, 0, 1], inner_radius_mm: 30, radius_mm: 60, "
     "irradiance: 0.75, reference_distance_mm: 600}]"
 )
-GLOSSY = ("plants.0.material.preset=wheat_leaf", "plants.0.material.transmittance=0.4")
+GLOSSY = ("plants.0.material.preset=wheat_leaf", "plants.0.material.transmittance=0.2")
 
 
 def reflect(material: Material, to_camera: Floats, to_light: Floats, *, once: bool = False) -> tuple[Floats, Floats]:
