@@ -56,7 +56,7 @@ def test_check_tells_what_is_foreseen_and_what_there_is() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "messages"),
     [
         (["camera.bands=[red, nir_850]"], ["bands red, nir_850", "lamps 1 sphere"]),
         (
@@ -72,13 +72,13 @@ def test_check_tells_what_is_foreseen_and_what_there_is() -> None:
         ),
     ],
 )
-def test_check_names_lamps_bands_and_the_renderer(changes: list[str], told: list[str]) -> None:
+def test_check_names_lamps_bands_and_the_renderer(changes: list[str], messages: list[str]) -> None:
     lamp = "{kind: sphere, position_mm: [0, -200, 300], radius_mm: 5, irradiance: 0.8, reference_distance_mm: 300}"
     settings = [word for change in (f"lighting.lights=[{lamp}]", *changes) for word in ("--set", change)]
     done = scenetruth("check", SCENES / "cube.yaml", *settings)
     assert done.returncode == 0, done.stderr
     words = " ".join(done.stdout.replace("│", " ").split())
-    for each in told:
+    for each in messages:
         assert each in words
 
 

@@ -127,19 +127,19 @@ def test_irradiance_on_the_axis_is_the_specified_one_at_the_reference_distance()
 
 
 @given(some.floats(1.0, 300.0), some.floats(20.0, 900.0), some.floats(0.0, 500.0))
-def test_disc_and_a_parallel_plane(radius: float, height: float, aside: float) -> None:
+def test_disc_and_a_parallel_plane(radius: float, height: float, offset: float) -> None:
     # Howell, Catalog of radiation heat transfer configuration factors, B-12.
     lamp = disc(radius)
     assert lamp.area is not None
-    square = height**2 + aside**2
-    factor = 0.5 * (1 - (square - radius**2) / np.sqrt((square + radius**2) ** 2 - 4 * radius**2 * aside**2))
-    found = light_of(lamp, np.array([[aside, 0.0, height]]), np.array([UP]))[0, 0]
+    square = height**2 + offset**2
+    factor = 0.5 * (1 - (square - radius**2) / np.sqrt((square + radius**2) ** 2 - 4 * radius**2 * offset**2))
+    found = light_of(lamp, np.array([[offset, 0.0, height]]), np.array([UP]))[0, 0]
     assert found == pytest.approx(np.pi * lamp.area.radiance * factor, rel=1e-6)
 
 
 @given(some.floats(1.0, 400.0), some.floats(-600.0, 600.0), some.floats(0.0, 0.6))
-def test_sphere_above_the_horizon_is_a_point(radius: float, aside: float, tilt: float) -> None:
-    point = np.array([aside, 200.0, 500.0])
+def test_sphere_above_the_horizon_is_a_point(radius: float, offset: float, tilt: float) -> None:
+    point = np.array([offset, 200.0, 500.0])
     far = float(np.linalg.norm(point))
     normal = unit([-np.sin(tilt), 0.0, -np.cos(tilt)])
     cosine = float(-(point @ normal) / far)

@@ -121,5 +121,5 @@ def test_means_across_facets_agree_with_many_samples(lamps: int) -> None:
         assert np.sqrt(np.mean(error**2)) < 0.6 / count**1.5
     else:
         assert error.max() < 4 * 1.5 / (12 * count**2)
-    # Pixels that are reached by walks are left out only if they are seen at a grazing angle.
+    # Pixels that are reached by walks are omitted only if they are seen at a grazing angle.
     assert done[arrived].mean() > 0.9

@@ -15,6 +15,7 @@ from scenetruth.render.lamp_shadow_kernels import (
     OPAQUE,
     RADIANCE,
     SIZES,
+    cross_edge,
     line_pieces,
     outline_edges,
     trim_edges,
@@ -162,9 +163,9 @@ def _set_lines(
         reach, length = abs(across) * place[12] + abs(down) * place[13], 2.0 * place[12]
     side = 1 if height >= reach else (-1 if height <= -reach else 0)
     distance = np.sqrt(far)
-    aside = np.sqrt(max(far - axial * axial, 0.0))
+    off_axis = np.sqrt(max(far - axial * axial, 0.0))
     # Poles of the light around the lamp: where the distance vanishes, and of the microfacets.
-    turn = (far + radius * radius) / (2.0 * max(aside * radius, 1e-300))
+    turn = (far + radius * radius) / (2.0 * max(off_axis * radius, 1e-300))
     parts = 2.0 * length / max(axial, 1e-3 * radius)
     if values[0] > 1.0 or values[3] > 0.0:
         rough = min(values[1], values[2])
@@ -191,16 +192,16 @@ def _closed_form(
     ny = normal[0] * place[6] + normal[1] * place[7] + normal[2] * place[8]
     nz = normal[0] * place[9] + normal[1] * place[10] + normal[2] * place[11]
     if polar:
-        aside = np.sqrt(x * x + y * y)
-        along = -(nx * x + ny * y) / aside if aside > 0.0 else 0.0
-        square = aside * aside + z * z
+        off_axis = np.sqrt(x * x + y * y)
+        along = -(nx * x + ny * y) / off_axis if off_axis > 0.0 else 0.0
+        square = off_axis * off_axis + z * z
         total = 0.0
         for sign in range(2):
             radius = place[SIZES + 1 - sign]
-            root = np.sqrt((square + radius * radius) ** 2 - 4.0 * aside * aside * radius * radius)
+            root = np.sqrt((square + radius * radius) ** 2 - 4.0 * off_axis * off_axis * radius * radius)
             # 1 - (s - R²) / root, and (s + R²) / root - 1, without loss of digits for small lamps.
             facing = 4.0 * radius * radius * z * z / (root * (root + square - radius * radius))
-            across = 4.0 * aside * radius * radius / (root * (root + square + radius * radius)) * z
+            across = 4.0 * off_axis * radius * radius / (root * (root + square + radius * radius)) * z
             part = 0.5 * (across * along - facing * nz)
             total += part if sign == 0 else -part
         return np.pi * place[RADIANCE] * total
@@ -527,14 +528,8 @@ def _line_borders(
                 used = _add_border(place, polar, x, y, borders, used)
             # Where edges of several surfaces cross.
             for other in range(item):
-                ax, ay = edges[other, 0] - x, edges[other, 1] - y
-                bx, by = edges[other, 2] - x, edges[other, 3] - y
-                one, two = dx * ay - dy * ax, dx * by - dy * bx
-                if (one > 0.0) == (two > 0.0):
-                    continue
-                part = one / (one - two)
-                share = ((ax + part * (bx - ax)) * dx + (ay + part * (by - ay)) * dy) / square
-                if share <= 0.0 or share >= 1.0:
+                side, share = cross_edge(x, y, dx, dy, square, edges, other)
+                if side == 0.0 or share <= 0.0 or share >= 1.0:
                     continue
                 u, v = x + share * dx, y + share * dy
                 far = u * u + v * v

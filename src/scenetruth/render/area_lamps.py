@@ -356,8 +356,8 @@ class AreaLamps:
             _, owner, count = np.unique(keys, return_inverse=True, return_counts=True)
             points = place.points_mm[chosen]
             middle = np.column_stack([np.bincount(owner, column) for column in points.T]) / count[:, None]
-            aside = np.sum((points - middle[owner]) ** 2, axis=1)
-            leaders = chosen[np.lexsort((aside, owner))[np.cumsum(count) - count]]
+            apart_from_middle = np.sum((points - middle[owner]) ** 2, axis=1)
+            leaders = chosen[np.lexsort((apart_from_middle, owner))[np.cumsum(count) - count]]
             near[other] = self._shares_near(view, number, place.some(leaders), surface)[owner]
         single = np.flatnonzero(kind == 2)
         near[single] = exact(left[single])

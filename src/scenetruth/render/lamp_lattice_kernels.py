@@ -273,7 +273,7 @@ def light_samples(
     ``corner_light``: Light of each lamp and ambient light at the corners of faces, shape (lamps + 1, m, 3, 2).
     ``face_body``: Body of each face, shape (m,). ``body``, ``knowledge``: As for `apply_shares`.
     ``shares``: For each lamp, shape (lamps, k, 2).
-    Returns: Factors and gloss, shape (n,) each; and the indices of samples that are left out.
+    Returns: Factors and gloss, shape (n,) each; and the indices of the samples without a value.
     """
     count = len(samples[0])
     factors, gloss, left = np.empty(count), np.empty(count), np.empty(count, dtype=np.bool_)

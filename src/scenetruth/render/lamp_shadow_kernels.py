@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.kernels import kernel
+from scenetruth.kernels import inlined, kernel
 from scenetruth.raycast.surface_tree_kernels import SurfaceTree
 
-__all__ = ["AXIS", "CENTRE", "OPAQUE", "RADIANCE", "SIZES", "line_pieces", "outline_edges", "trim_edges"]
+__all__ = ["AXIS", "CENTRE", "OPAQUE", "RADIANCE", "SIZES", "cross_edge", "line_pieces", "outline_edges", "trim_edges"]
 
 CENTRE, ACROSS, DOWN, AXIS, SIZES, RADIANCE = 0, 3, 6, 9, 12, 14
 """Places of the values of a flat lamp: centre, unit vectors across, down and along the emission, inner and outer radius
@@ -32,7 +32,7 @@ def outline_edges(
 ) -> Any:  # fmt: skip
     """Project the triangles between a point and a flat lamp onto its plane, and find the edges of their outlines.
 
-    Edges between two triangles that cover the plane on either side of it are left out.
+    Edges between two triangles that cover the plane on either side of it are omitted.
 
     ``found``, ``count``: Faces, see `find_between`. ``start``: The point. ``body``: Body of the point.
     ``near``: Distance by which the point may move.
@@ -162,6 +162,24 @@ def trim_edges(edges: NDArray[np.float64], count: int, radius: float) -> Any:
     return kept, depth
 
 
+@inlined
+def cross_edge(
+    x: float, y: float, dx: float, dy: float, square: float, edges: NDArray[np.float64], item: int
+) -> tuple[float, float]:
+    """Return where an edge crosses a line, and from which side: 1 from the left to the right, -1, or 0 if it does not.
+
+    ``x``, ``y``: Begin of the line; ``dx``, ``dy``: to its end; ``square``: squared length. Returns: Side, and place
+    from 0 at the begin to 1 at the end, also beyond.
+    """
+    ax, ay = edges[item, 0] - x, edges[item, 1] - y
+    bx, by = edges[item, 2] - x, edges[item, 3] - y
+    one, other = dx * ay - dy * ax, dx * by - dy * bx
+    if (one > 0.0) == (other > 0.0):
+        return 0.0, 0.0
+    share = one / (one - other)
+    return 1.0 if one > 0.0 else -1.0, ((ax + share * (bx - ax)) * dx + (ay + share * (by - ay)) * dy) / square
+
+
 @kernel(error_model="numpy")
 def line_pieces(
     line: tuple[float, float, float, float], depth: float, begin: float, edges: NDArray[np.float64], count: int,
@@ -177,17 +195,11 @@ def line_pieces(
     square = dx * dx + dy * dy
     used = 0
     for item in range(count):
-        ax, ay = edges[item, 0] - x0, edges[item, 1] - y0
-        bx, by = edges[item, 2] - x0, edges[item, 3] - y0
-        one, other = dx * ay - dy * ax, dx * by - dy * bx
-        if (one > 0.0) == (other > 0.0):
+        side, at = cross_edge(x0, y0, dx, dy, square, edges, item)
+        if side == 0.0 or at <= begin:
             continue
-        share = one / (one - other)
-        at = ((ax + share * (bx - ax)) * dx + (ay + share * (by - ay)) * dy) / square
         # The surface begins where its edge crosses the line from left to right.
-        change = edges[item, 4] if one > 0.0 else -edges[item, 4]
-        if at <= begin:
-            continue
+        change = side * edges[item, 4]
         if at <= 0.0:
             depth += change
         elif at < 1.0:

@@ -36,7 +36,7 @@ class LightOfScene:
 
     @cached_property
     def optics(self) -> dict[str, ReflectionTables]:
-        """Parameters of the materials of which a part is left out, or replaced.
+        """Parameters of the materials of which a part is omitted, or replaced.
 
         ``mirror``: Without scattered light; ``diffuse`` and ``sheet``: with scattered light of one side in addition;
         ``white``: matt surfaces that scatter all light, in sheets from both sides.

@@ -170,7 +170,7 @@ class Shader:
         pixels: NDArray[np.int64],
         quick: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]],
     ) -> Arrived:
-        """Add the samples that are left out, see `Reflection.on_samples`."""
+        """Add the samples without a value, see `Reflection.on_samples`."""
         factors, gloss, left = quick
         if len(left):
             some = Hits(hits.face[left], hits.depth[left], hits.weights[left])
