@@ -1,4 +1,4 @@
-"""Puts the scenes into the package when it is built; all else stands in pyproject.toml."""
+"""Puts the scenes and the script of plotly into the package when it is built; all else stands in pyproject.toml."""
 
 from __future__ import annotations
 
@@ -9,18 +9,21 @@ from setuptools import setup
 from setuptools.command.build_py import build_py
 
 _SCENES, _SHIPPED = "scenes", "scenetruth/shipped"
+_SCRIPT = "scenetruth/templates/plotly.min.js"
 
 
-class BuildWithScenes(build_py):
-    """Copies ``scenes/`` to ``scenetruth/shipped/``; an editable installation reads it where it is."""
+class BuildWithCopies(build_py):
+    """Copies ``scenes/`` to ``scenetruth/shipped/``, and the script of plotly to ``scenetruth/templates/``.
+
+    An editable installation reads the scenes where they are, and gets the script beside its templates.
+    """
 
     def run(self) -> None:
-        """Build the package, then copy the scenes into it."""
+        """Build the package, then copy the files into it."""
         super().run()
-        if not self.editable_mode:
-            for source, target in self._copies().items():
-                target.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(source, target)
+        for source, target in self._copies().items():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source, target)
 
     def get_outputs(self, include_bytecode: bool = True) -> list[str]:
         """Return what is written, as of the base class."""
@@ -28,13 +31,25 @@ class BuildWithScenes(build_py):
 
     def get_source_files(self) -> list[str]:
         """Return what it is written from, which goes into source distributions."""
-        return [*super().get_source_files(), *map(str, self._copies())]
+        return [*super().get_source_files(), *map(str, self._scenes())]
 
     def _copies(self) -> dict[Path, Path]:
+        script = self._script()
+        if self.editable_mode:
+            return {script: Path("src", _SCRIPT)}
+        return {**self._scenes(), script: Path(self.build_lib, _SCRIPT)}
+
+    def _scenes(self) -> dict[Path, Path]:
         files = [path for path in sorted(Path(_SCENES).rglob("*")) if path.is_file()]
         files = [path for path in files if "__pycache__" not in path.parts and not path.name.startswith(".")]
         return {path: Path(self.build_lib, _SHIPPED, path.relative_to(_SCENES)) for path in files}
 
+    def _script(self) -> Path:
+        # Importing plotly would take a second.
+        from importlib.metadata import distribution
+
+        return Path(str(distribution("plotly").locate_file("plotly/package_data/plotly.min.js")))
+
 
 if __name__ == "__main__":
-    setup(cmdclass={"build_py": BuildWithScenes})
+    setup(cmdclass={"build_py": BuildWithCopies})

@@ -113,7 +113,7 @@ if [ "${1:-}" = demo ]; then
     fi
 elif ! installed installed; then
     say "installing scenetruth, what it needs and what its tests need into .venv"
-    install installed opengl,design,test
+    install installed opengl,datasets,design,test
 fi
 
 wait

@@ -111,9 +111,11 @@ def plotly_script() -> str:
     >>> plotly_script().rstrip().endswith('showSendToCloud: false, plotlyServerURL: ""});')
     True
     """
-    from plotly.offline import get_plotlyjs
+    from importlib.resources import files
 
-    return f"{get_plotlyjs()}\nPlotly.setPlotConfig({_SETTINGS});\n"
+    # The build copies it from plotly (setup.py).
+    script = files("scenetruth").joinpath("templates", "plotly.min.js").read_text(encoding="utf-8")
+    return f"{script}\nPlotly.setPlotConfig({_SETTINGS});\n"
 
 
 def template_environment(package: str, *, autoescape: bool = True, **options: Any) -> Environment:

@@ -86,7 +86,7 @@ def test_check_says_why_nothing_is_predicted() -> None:
 
 
 NEAREST = "tests.helpers.sweep_scenes:nearest"
-RESULTS = {"index.html", "results.parquet", "results.csv", "sweep.json", "plots", "points"}
+RESULTS = {"index.html", "results.csv", "sweep.json", "plots", "points"}
 
 
 def test_a_sweep_is_made_and_goes_on(tmp_path: Path) -> None:
@@ -101,7 +101,7 @@ def test_a_sweep_is_made_and_goes_on(tmp_path: Path) -> None:
     assert "stage.baseline_mm = 1" in done.stdout
     assert {name for name in names(out) if not name.startswith(".")} == RESULTS
     assert "4 simulations, 0 of them to run" in scenetruth(*words).stderr
-    frame = pd.read_parquet(out / "results.parquet")
+    frame = pd.read_csv(out / "results.csv")
     assert set(frame["scene"]) == {"wall"}
     assert set(frame["method"]) == {"near", "bound"}
     assert set(frame["seed"].dropna()) == {7, 8}

@@ -18,11 +18,14 @@ import pytest
 import yaml
 
 from scenetruth.dataset.catalogue import read_catalogue
+from scenetruth.dataset.dataset_estimation import estimate_dataset
 from scenetruth.dataset.fingerprint import begin_dataset, compute_fingerprint, compute_recipe_hash
 from scenetruth.dataset.generation import read_status, run_dataset
 from scenetruth.dataset.layout import DatasetFolder
+from scenetruth.dataset.reading import open_dataset
 from scenetruth.dataset.recipe_loader import Recipe, load_recipe
 from scenetruth.dataset.samples import Partition, make_sample
+from scenetruth.dataset.verification import rebuild_catalogue
 from scenetruth.errors import MachineError, MismatchError, StoreError
 from scenetruth.pipeline import verify_run
 from scenetruth.resources import Limits
@@ -48,6 +51,22 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     outcome = run_dataset(sampler.recipe, output=folder, workers=2)
     assert (outcome.made, outcome.present, outcome.failed) == (6, 0, [])
     return folder
+
+
+def test_a_missing_pyarrow_is_reported_before_any_work(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("pyarrow", "pyarrow.parquet"):
+        monkeypatch.setitem(sys.modules, name, None)
+    for work in (
+        lambda: run_dataset(Recipe.from_dict(copy.deepcopy(RECIPE)), output=tmp_path / "tiles"),
+        lambda: estimate_dataset(made, "plane_sweep"),
+        lambda: open_dataset(made),
+        lambda: rebuild_catalogue(made),
+    ):
+        with pytest.raises(MachineError, match=r"pip install 'scenetruth\[datasets\]'"):
+            work()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_samples_are_folders_of_runs_and_whole(made: Path) -> None:

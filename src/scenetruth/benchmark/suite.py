@@ -75,7 +75,7 @@ def compare(
     limits
         Resource limits of each scene (`scenetruth.Limits`); the default limits if not given.
     output
-        Output directory: the page ``index.html``, ``results.parquet``, ``results.csv``, ``summary.csv``, and a file
+        Output directory: the page ``index.html``, ``results.csv``, ``summary.csv``, and a file
         for each scene. Default: no output.
     workers
         Number of single-threaded local processes; 1 runs in this process (default), -1 uses all processors.
@@ -258,8 +258,6 @@ def _describe_other(there: Any) -> str:
 
 def _write_tables(found: BenchmarkResult, folder: Path) -> None:
     frame = found.to_dataframe()
-    with write_atomically(folder / "results.parquet", overwrite=True) as partial:
-        frame.to_parquet(partial)
     with write_atomically(folder / "results.csv", overwrite=True) as partial:
         frame.to_csv(partial, index=False)
     with write_atomically(folder / "summary.csv", overwrite=True) as partial:

@@ -300,7 +300,7 @@ def sweep(
             progress=reporter,
         )
     _print_best(found, region)
-    print_wrote(output / name for name in ("index.html", "results.parquet", "results.csv", "plots"))
+    print_wrote(output / name for name in ("index.html", "results.csv", "plots"))
     if found.failures:
         raise typer.Exit(1)
 

@@ -78,7 +78,7 @@ def compare(
             progress=reporter,
         )
     _print_summary(found)
-    print_wrote(output / name for name in ("index.html", "results.parquet", "results.csv", "summary.csv"))
+    print_wrote(output / name for name in ("index.html", "results.csv", "summary.csv"))
     if found.failures:
         raise typer.Exit(1)
 

@@ -15,7 +15,7 @@ from scenetruth.dataset.checksums import list_path, load_record, refuse_unlike_c
 from scenetruth.dataset.layout import RECORDING, SCENE, TRUTH, DatasetFolder
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.dataset.samples import STATISTICS
-from scenetruth.errors import StoreError
+from scenetruth.errors import MachineError, Problem, StoreError
 from scenetruth.output import is_full_disk
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ __all__ = [
     "merge_parts",
     "read_catalogue",
     "replace_catalogue",
+    "require_parquet",
     "score_file",
     "write_scores",
 ]
@@ -46,6 +47,15 @@ FILES = {SCENE: "scene", RECORDING: "recording", TRUTH: "truth"}
 """Files of a sample, and their names in columns."""
 
 _OBJECT_COLUMNS = ("image_share", "seen_by_all", "depth_min_mm", "depth_max_mm", "growth_median_per_hour")
+
+
+def require_parquet() -> None:
+    """Raise `MachineError` unless pyarrow, which reads and writes catalogues, can be imported."""
+    try:
+        import pyarrow.parquet  # noqa: F401
+    except ImportError as error:
+        message = f"data sets need pyarrow, which cannot be imported ({error}): pip install 'scenetruth[datasets]'"
+        raise MachineError([Problem("pyarrow", message)]) from error
 
 
 def build_catalogue_schema(sampler: Sampler) -> pyarrow.Schema:
@@ -221,6 +231,7 @@ class CatalogueWriter:
 
 def list_catalogued(folder: DatasetFolder) -> set[int]:
     """Return the numbers of the samples in the catalogue."""
+    require_parquet()
     import pyarrow.parquet as pq
 
     found: set[int] = set()
@@ -235,6 +246,7 @@ def list_catalogued(folder: DatasetFolder) -> set[int]:
 
 def read_catalogue(folder: DatasetFolder, sampler: Sampler) -> pyarrow.Table:
     """Return all rows of the catalogue in order, each sample once."""
+    require_parquet()
     import pyarrow as pa
     import pyarrow.parquet as pq
 

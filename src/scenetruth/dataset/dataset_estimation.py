@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from scenetruth.dataset.catalogue import flatten_score, score_file, write_scores
+from scenetruth.dataset.catalogue import flatten_score, require_parquet, score_file, write_scores
 from scenetruth.dataset.checksums import dump_record, list_path, write_checksums
 from scenetruth.dataset.fingerprint import open_sampler, read_fingerprint
 from scenetruth.dataset.generation import DatasetRunResult
@@ -101,6 +101,7 @@ def estimate_dataset(
     >>> result.made, result.present, result.failed
     (2, 0, [])
     """
+    require_parquet()
     resolve_workers(workers)
     places = DatasetFolder(dataset)
     identity, sampler = read_fingerprint(places), open_sampler(places)

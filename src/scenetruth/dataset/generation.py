@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from scenetruth.dataset.catalogue import CatalogueWriter, list_catalogued, merge_parts
+from scenetruth.dataset.catalogue import CatalogueWriter, list_catalogued, merge_parts, require_parquet
 from scenetruth.dataset.checksums import dump_record, load_record
 from scenetruth.dataset.fingerprint import DatasetFingerprint, begin_dataset, open_sampler, read_fingerprint
 from scenetruth.dataset.layout import DatasetFolder, claim_sample
@@ -177,6 +177,7 @@ def run_dataset(
     ...     print(outcome.made, dataset[1].truth.depth.sizes)
     2 Frozen({'t': 1, 'y': 25, 'x': 30})
     """
+    require_parquet()
     resolve_workers(workers)
     places, whole = DatasetFolder(output), partition or Partition()
     # Processes are started by their first task.

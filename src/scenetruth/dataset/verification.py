@@ -17,6 +17,7 @@ from scenetruth.dataset.catalogue import (
     list_parts,
     read_catalogue,
     replace_catalogue,
+    require_parquet,
 )
 from scenetruth.dataset.checksums import check_listed, file_sha256, list_path, load_record
 from scenetruth.dataset.fingerprint import CHECKED_FORMAT, DatasetFingerprint, open_sampler, read_fingerprint
@@ -281,6 +282,7 @@ def rebuild_catalogue(folder: str | Path, *, progress: Progress | None = None) -
     Run times are kept if the former catalogue matches its checksum; they are in no record. If a record is damaged,
     nothing is written, and all damaged records are listed.
     """
+    require_parquet()
     places = DatasetFolder(folder)
     identity, sampler = read_fingerprint(places), open_sampler(places)
     store = SampleStore.of(places, sampler, identity)

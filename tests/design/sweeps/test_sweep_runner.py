@@ -139,9 +139,10 @@ def test_it_goes_on_where_it_was(tmp_path: Path, messages: list[str]) -> None:
     # More values, and only these are made.
     more = sweep(scene(), {BASELINE: [2, 2.5, 3]}, methods=nearest, output=tmp_path / "calm", **options)
     assert "6 simulations, 2 of them to run" in told[-1]
-    kept = pd.read_parquet(tmp_path / "calm" / "results.parquet")
-    pd.testing.assert_frame_equal(kept, more.to_dataframe())
-    assert len(pd.read_csv(tmp_path / "calm" / "results.csv")) == len(kept)
+    kept = pd.read_csv(tmp_path / "calm" / "results.csv", float_precision="round_trip")
+    made = more.to_dataframe()
+    # Empty texts and missing values are the same in CSV.
+    pd.testing.assert_frame_equal(kept, made.mask(made == ""), check_dtype=False, check_exact=True)
     assert (tmp_path / "calm" / "plots" / "depth_rmse.png").exists()
 
 
@@ -293,7 +294,9 @@ def test_a_killed_sweep_goes_on_to_the_same_figures(tmp_path: Path) -> None:
         run.wait()
     for name in ("killed", "calm"):
         subprocess.run([*words, str(tmp_path / name)], check=True, capture_output=True)
-    killed, calm = (pd.read_parquet(tmp_path / name / "results.parquet") for name in ("killed", "calm"))
+    killed, calm = (
+        pd.read_csv(tmp_path / name / "results.csv", float_precision="round_trip") for name in ("killed", "calm")
+    )
     pd.testing.assert_frame_equal(killed, calm)
     points = tmp_path / "killed" / "points"
     assert [path.name for path in points.iterdir() if path.suffix not in (".json", ".npz")] == []

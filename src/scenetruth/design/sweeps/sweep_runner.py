@@ -151,7 +151,7 @@ def sweep(
     limits
         Resource limits of a scene; default: those of `Limits`.
     output
-        Output directory: the report ``index.html``, ``results.parquet``, ``results.csv``, ``plots/``, and a file for
+        Output directory: the report ``index.html``, ``results.csv``, ``plots/``, and a file for
         each simulation. Nothing is written by default.
     workers
         Number of single-threaded processes: 1, the default, uses this process only; -1 uses all processors.
@@ -236,8 +236,6 @@ def _write(found: Sweep, job: SweepTask, again: str) -> None:
 
     assert found.folder is not None
     frame = found.to_dataframe()
-    with write_atomically(found.folder / "results.parquet", overwrite=True) as partial:
-        frame.to_parquet(partial)
     with write_atomically(found.folder / "results.csv", overwrite=True) as partial:
         frame.to_csv(partial, index=False)
     methods = [one.spelled for one in job.contestants]
