@@ -37,6 +37,7 @@ ARGUMENTS = {
     "dataset estimate": "dataset method settings retries threads scheduler workers",
     "dataset catalogue": "dataset",
     "dataset card": "dataset version date url overwrite",
+    "dataset webdataset": "dataset output maps samples_per_shard",
     "design predict": "scene method model settings overrides limits output overwrite",
     "design budget": "scene method calibration simulated_share overrides region seeds limits output workers scheduler",
     "design sweep": "scenes vary methods overrides sobol_points seeds limits output workers scheduler",

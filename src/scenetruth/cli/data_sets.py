@@ -25,7 +25,7 @@ app = typer.Typer(name="dataset", help="Generate and evaluate data sets of many 
 
 def register(parent: typer.Typer) -> None:
     """Add the commands to the command line."""
-    for command in (check, preview, run, sample, status, estimate, catalogue, card):
+    for command in (check, preview, run, sample, status, estimate, catalogue, card, webdataset):
         options.add_command(app, command)
     parent.add_typer(app)
 
@@ -214,6 +214,29 @@ def card(
     with reporting() as reporter:
         page = write_card(dataset, version=version, date=date, url=url, overwrite=overwrite, progress=reporter)
     print_wrote(page)
+
+
+def webdataset(
+    dataset: options.DatasetPath,
+    *,
+    output: options.Output,
+    maps: options.TruthMaps = None,
+    samples_per_shard: options.SamplesPerShard = 100,
+) -> None:
+    """Write the images and maps of all samples as WebDataset: tar files that learning code streams."""
+    from scenetruth.cli.console import reporting
+    from scenetruth.dataset.reading import open_dataset
+    from scenetruth.dataset.training_data import MAPS, write_webdataset
+
+    with reporting() as reporter:
+        files = write_webdataset(
+            open_dataset(dataset),
+            output,
+            maps=maps or MAPS,
+            samples_per_shard=samples_per_shard,
+            progress=reporter,
+        )
+    print_wrote(output, f"{len(files):,} tar files")
 
 
 def _warn_of_card(dataset: Path) -> None:

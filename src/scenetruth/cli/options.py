@@ -34,12 +34,13 @@ __all__ = [
     "LabelledCommands", "LabelledMethods", "Left", "Limits", "ListKind", "Listed", "MaxTasksPerWorker", "Mesh",
     "MeshDistanceMm", "Method", "Methods", "OptionalOutput", "OptionalSceneFile", "OptionalSeeds", "Output",
     "Overrides", "Overwrite", "PartOf", "RecipeFile", "Regenerate", "Region", "Report", "ResultPath", "Retries", "Row",
-    "RunPath", "SampleNumber", "Samples", "SaveImages", "SaveRadiance", "SceneFile", "SceneFiles", "SceneSeed",
+    "RunPath", "SampleNumber", "Samples", "SamplesPerShard", "SaveImages", "SaveRadiance", "SceneFile", "SceneFiles",
+    "SceneSeed",
     "Scheduler", "SchemaFile", "SchemaKind", "SchemaOf", "Seed", "Seeds", "Settings", "SinceFrame", "StrainChoice",
     "StrainMeasure", "StrainMethod", "StrainOrder", "StrainStep", "StrainWeight", "StrainWeights", "StrainWindow",
     "SubsetPx", "TemplateFile", "TemplateType", "Texture", "Threads", "TruthContent", "TruthContentChoice",
-    "TruthPoses", "TruthPosesChoice", "TruthViews", "TruthViewsChoice", "Type", "UnitMm", "Workers", "add_command",
-    "flag", "helpers", "option", "parse_assignments", "read_settings", "repeatable", "with_settings",
+    "TruthMaps", "TruthPoses", "TruthPosesChoice", "TruthViews", "TruthViewsChoice", "Type", "UnitMm", "Workers",
+    "add_command", "flag", "helpers", "option", "parse_assignments", "read_settings", "repeatable", "with_settings",
 ]  # fmt: skip
 
 
@@ -575,6 +576,14 @@ CardDate = Annotated[str, option("--date", metavar="DATE", help="Date of publica
 CardVersion = Annotated[str, typer.Option("--version", metavar="VERSION", help="Version of the data set.")]
 
 CardUrl = Annotated[str, option("--url", metavar="URL", help="Address of the published data set.")]
+
+TruthMaps = Annotated[
+    list[str] | None, repeatable("--map", "NAME", "Map of the ground truth; default: depth and velocity.")
+]
+
+SamplesPerShard = Annotated[
+    int, option("--samples-per-shard", metavar="N", min=1, help="Number of samples in a tar file.")
+]
 
 
 def add_command(app: typer.Typer, function: Callable[..., None], name: str | None = None) -> None:

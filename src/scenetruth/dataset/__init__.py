@@ -16,11 +16,12 @@ if TYPE_CHECKING:
     from scenetruth.dataset.recipe_loader import Recipe, load_recipe
     from scenetruth.dataset.sampler import Sampler
     from scenetruth.dataset.samples import Partition
+    from scenetruth.dataset.training_data import FlowPairs, ImagePair, StereoPairs, read_arrays, write_webdataset
 
 __all__ = [
-    "DatasetRunResult", "Partition", "Recipe", "RecipeReport", "Sampler", "SceneDataset", "check_recipe",
-    "estimate_dataset", "export", "load_recipe", "open_dataset", "preview_dataset", "run_dataset", "verify",
-    "write_card",
+    "DatasetRunResult", "FlowPairs", "ImagePair", "Partition", "Recipe", "RecipeReport", "Sampler", "SceneDataset",
+    "StereoPairs", "check_recipe", "estimate_dataset", "export", "load_recipe", "open_dataset", "preview_dataset",
+    "read_arrays", "run_dataset", "verify", "write_card", "write_webdataset",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -35,5 +36,6 @@ __getattr__, __dir__ = export_lazily(
         "recipe_loader": "Recipe load_recipe",
         "sampler": "Sampler",
         "samples": "Partition",
+        "training_data": "FlowPairs ImagePair StereoPairs read_arrays write_webdataset",
     },
 )

@@ -18,6 +18,7 @@ from scenetruth.dataset.catalogue import describe_remedy, load_scores, read_cata
 from scenetruth.dataset.fingerprint import DatasetFingerprint, open_sampler, read_fingerprint
 from scenetruth.dataset.layout import RECORDING, SCENE, TRUTH, DatasetFolder, compute_shard_number, extract_sample
 from scenetruth.dataset.samples import SampleStore
+from scenetruth.dataset.training_data import MAPS, FlowPairs, StereoPairs, TensorsOf, import_torch
 from scenetruth.errors import Problem, RecipeError, StoreError
 from scenetruth.pipeline import RunDirectory
 from scenetruth.scene import Scene, load_scene
@@ -25,6 +26,8 @@ from scenetruth.storage import load_store, open_store
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from scenetruth.exporters.export_source import FlowKind
 
 __all__ = ["Sample", "SceneDataset", "open_dataset"]
 
@@ -196,6 +199,23 @@ class SceneDataset(Sequence[Any]):
     def stack(self, variable: str, of: Literal["recording", "truth"] = "truth") -> xr.DataArray:
         """Return a variable of all samples as one array whose samples are loaded on access."""
         return stack_lazily(variable, of, [self.sample(index) for index in range(len(self))], self.folder.path)
+
+    def to_torch(self, maps: Sequence[str] = MAPS) -> SceneDataset:
+        """Return the data set with samples as mappings of PyTorch tensors, for ``torch.utils.data.DataLoader``.
+
+        ``image``: float32, full scale 1, shape (s, t, channel, y, x); ``maps``: variables of the truth, NaN where there
+        is no value; ``sample``: its number. Samples of equal shape form batches without a ``collate_fn``.
+        """
+        import_torch()
+        return SceneDataset(self.folder, self.catalogue, TensorsOf(tuple(maps)))
+
+    def flow_pairs(self, frame: int = 0, camera: int = 0, kind: FlowKind = "finite") -> FlowPairs:
+        """Return two successive images of every sample with their flow; see `FlowPairs`."""
+        return FlowPairs(self, frame, camera, kind)
+
+    def stereo_pairs(self, left: int = 0, frame: int = 0) -> StereoPairs:
+        """Return the images of two neighbouring cameras of every sample with their disparity; see `StereoPairs`."""
+        return StereoPairs(self, left, frame)
 
     @cached_property
     def identity(self) -> DatasetFingerprint:
