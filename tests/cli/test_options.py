@@ -145,14 +145,14 @@ def test_the_commands_are_those_of_the_reference() -> None:
 
 GROUPS = {
     "capture": {"init", "check", "calibrate", "import", "run", "simulate", "twin"},
-    "dataset": {"check", "preview", "run", "sample", "status", "estimate", "catalogue", "card"},
+    "dataset": {"check", "preview", "run", "sample", "status", "estimate", "catalogue", "card", "webdataset"},
     "design": {"predict", "budget", "sweep", "optimise", "pattern"},
     "validation": {"paper-figure2", "emva1288", "rendering"},
 }
 OUTPUT_REQUIRED = {
     *("run", "render", "export", "strain", "compare", "capture import", "capture calibrate", "capture run"),
     *("capture simulate", "capture twin"),
-    *("dataset preview", "dataset run", "dataset sample"),
+    *("dataset preview", "dataset run", "dataset sample", "dataset webdataset"),
     *("design sweep", "design optimise", "design pattern", *(f"validation {name}" for name in GROUPS["validation"])),
 }
 

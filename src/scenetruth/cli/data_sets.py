@@ -223,7 +223,7 @@ def webdataset(
     maps: options.TruthMaps = None,
     samples_per_shard: options.SamplesPerShard = 100,
 ) -> None:
-    """Write the images and maps of all samples as WebDataset: tar files that learning code streams."""
+    """Write images and maps of all samples as tar files of WebDataset, for learning code."""
     from scenetruth.cli.console import reporting
     from scenetruth.dataset.reading import open_dataset
     from scenetruth.dataset.training_data import MAPS, write_webdataset

@@ -209,9 +209,9 @@ class SceneDataset(Sequence[Any]):
         import_torch()
         return SceneDataset(self.folder, self.catalogue, TensorsOf(tuple(maps)))
 
-    def flow_pairs(self, frame: int = 0, camera: int = 0, kind: FlowKind = "finite") -> FlowPairs:
+    def flow_pairs(self, frame: int = 0, camera: int = 0, motion: FlowKind = "finite") -> FlowPairs:
         """Return two successive images of every sample with their flow; see `FlowPairs`."""
-        return FlowPairs(self, frame, camera, kind)
+        return FlowPairs(self, frame, camera, motion)
 
     def stereo_pairs(self, left: int = 0, frame: int = 0) -> StereoPairs:
         """Return the images of two neighbouring cameras of every sample with their disparity; see `StereoPairs`."""

@@ -8,7 +8,7 @@ import tarfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, SupportsIndex
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, SupportsIndex
 
 import numpy as np
 import xarray as xr
@@ -21,7 +21,9 @@ from scenetruth.output import write_atomically
 from scenetruth.progress import Progress
 
 if TYPE_CHECKING:
-    from scenetruth.dataset.reading import Sample, SceneDataset
+    import pandas as pd
+
+    from scenetruth.dataset.fingerprint import DatasetFingerprint
 
 __all__ = [
     "MAPS",
@@ -35,12 +37,53 @@ __all__ = [
 ]
 
 
+class SampleData(Protocol):
+    """The parts of a sample that are read: see `scenetruth.dataset.reading.Sample`."""
+
+    @property
+    def number(self) -> int:
+        """Number of the sample."""
+
+    @property
+    def row(self) -> Mapping[str, Any]:
+        """Row of the catalogue."""
+
+    @property
+    def values(self) -> Mapping[str, Any]:
+        """Drawn values."""
+
+    @property
+    def recording(self) -> xr.Dataset:
+        """The recording."""
+
+    @property
+    def truth(self) -> xr.Dataset:
+        """The truth."""
+
+
+class SampleSequence(Protocol):
+    """The parts of a data set that are read: see `scenetruth.dataset.SceneDataset`."""
+
+    @property
+    def catalogue(self) -> pd.DataFrame:
+        """The catalogue, one row per sample."""
+
+    @property
+    def identity(self) -> DatasetFingerprint:
+        """Fingerprint of the data set."""
+
+    def __len__(self) -> int: ...
+
+    def sample(self, index: SupportsIndex) -> SampleData:
+        """Return a sample by index."""
+
+
 MAPS = ("depth", "velocity")
 """Maps of the truth that are returned with the images by default."""
 _CHANNEL = "channel"
 
 
-def read_arrays(sample: Sample, maps: Sequence[str] = MAPS) -> dict[str, NDArray[Any]]:
+def read_arrays(sample: SampleData, maps: Sequence[str] = MAPS) -> dict[str, NDArray[Any]]:
     """Return the images and maps of a sample as arrays in the order that learning code expects.
 
     ``image``: float32 with full scale 1, shape (..., channel, y, x), with one channel if grey; a map of floating-point
@@ -72,7 +115,7 @@ class TensorsOf:
 
     maps: tuple[str, ...] = MAPS
 
-    def __call__(self, sample: Sample) -> dict[str, Any]:
+    def __call__(self, sample: SampleData) -> dict[str, Any]:
         """Return the tensors of `read_arrays`, and the number of the sample."""
         torch = import_torch()
         arrays = read_arrays(sample, self.maps)
@@ -107,7 +150,7 @@ class ImagePair(NamedTuple):
 class _Pairs(Sequence[ImagePair]):
     """Pairs of images of the samples of a data set; picklable, as PyTorch's ``DataLoader`` requires."""
 
-    def __init__(self, dataset: SceneDataset) -> None:
+    def __init__(self, dataset: SampleSequence) -> None:
         self._dataset = dataset
 
     def __len__(self) -> int:
@@ -133,13 +176,13 @@ class _Pairs(Sequence[ImagePair]):
 class FlowPairs(_Pairs):
     """Images of two successive frames of a camera, with the flow from the first to the second.
 
-    ``frame``: First frame t. ``camera``: Position s. ``kind``: ``finite``, the displacement to the next frame, which
+    ``frame``: First frame t. ``camera``: Position s. ``motion``: ``finite``, the displacement to the next frame, which
     only a complete truth contains; or ``instantaneous``, dx/dt per frame.
     """
 
-    def __init__(self, dataset: SceneDataset, frame: int = 0, camera: int = 0, kind: FlowKind = "finite") -> None:
+    def __init__(self, dataset: SampleSequence, frame: int = 0, camera: int = 0, motion: FlowKind = "finite") -> None:
         super().__init__(dataset)
-        self._frame, self._camera, self._kind = frame, camera, kind
+        self._frame, self._camera, self._motion = frame, camera, motion
 
     def _pair(self, source: ExportSource) -> ImagePair:
         t, s = self._frame, self._camera
@@ -149,13 +192,15 @@ class FlowPairs(_Pairs):
             problems.append(Problem("frame", message, t))
         if s not in source.views:
             problems.append(Problem("camera", f"must be a position with maps, one of {source.views}", s))
-        name: Literal["flow_next", "flow"] = "flow_next" if self._kind == "finite" else "flow"
+        name = "flow_next" if self._motion == "finite" else "flow"
         if name not in source.maps:
-            message = f"the truth has no '{name}'; generate it with `truth.content: complete`, or use another kind"
-            problems.append(Problem("kind", message, self._kind))
+            message = (
+                f"the truth has no '{name}'; generate it with `truth.content: complete`, or use motion='instantaneous'"
+            )
+            problems.append(Problem("motion", message, self._motion))
         if problems:
             raise ArgumentError(problems, source="pairs of frames")
-        flow = source.flow(s, t, self._kind)
+        flow = source.flow(s, t, self._motion)
         return _as_pair(source, (s, t), (s, t + 1), flow)
 
 
@@ -165,7 +210,7 @@ class StereoPairs(_Pairs):
     ``left``: Position s of the left camera. ``frame``: Frame t.
     """
 
-    def __init__(self, dataset: SceneDataset, left: int = 0, frame: int = 0) -> None:
+    def __init__(self, dataset: SampleSequence, left: int = 0, frame: int = 0) -> None:
         super().__init__(dataset)
         self._left, self._frame = left, frame
 
@@ -195,7 +240,7 @@ _SHARDS = JobFolder("webdataset.json", "WebDataset shards", "shards")
 
 
 def write_webdataset(
-    dataset: SceneDataset,
+    dataset: SampleSequence,
     output: str | Path,
     *,
     maps: Sequence[str] = MAPS,
@@ -279,7 +324,7 @@ def write_webdataset(
     return written
 
 
-def _plan_shards(dataset: SceneDataset, samples_per_shard: int) -> list[tuple[str, list[int]]]:
+def _plan_shards(dataset: SampleSequence, samples_per_shard: int) -> list[tuple[str, list[int]]]:
     """Return the names of the tar files with the indices of their samples, split by split."""
     by_split: dict[str, list[int]] = {}
     for place, split in enumerate(dataset.catalogue["split"].tolist()):
@@ -291,7 +336,7 @@ def _plan_shards(dataset: SceneDataset, samples_per_shard: int) -> list[tuple[st
     ]
 
 
-def _add_sample(tar: tarfile.TarFile, sample: Sample, maps: Sequence[str]) -> None:
+def _add_sample(tar: tarfile.TarFile, sample: SampleData, maps: Sequence[str]) -> None:
     key = f"{sample.number:08d}"
     for name, values in read_arrays(sample, maps).items():
         with io.BytesIO() as file:
@@ -300,7 +345,7 @@ def _add_sample(tar: tarfile.TarFile, sample: Sample, maps: Sequence[str]) -> No
     _add(tar, f"{key}.json", json.dumps(_describe(sample), ensure_ascii=False).encode("utf-8"))
 
 
-def _describe(sample: Sample) -> Mapping[str, Any]:
+def _describe(sample: SampleData) -> Mapping[str, Any]:
     attributes = sample.recording.attrs
     camera = ("focal_length_px", "principal_point_px", "baseline_mm", "frame_interval_s")
     return {

@@ -208,7 +208,59 @@ class Discrepancy:
     says: str
 
 
+@dataclass(frozen=True)
+class TargetDecision:
+    """Whether a rig reaches the target of an objective.
+
+    ``answer``: ``"yes"`` or ``"no"`` if the 95 % confidence interval of the RMS over recordings is on one side of the
+    target, else ``"not yet known"``: more seeds decide, unless the rig is at the target.
+    ``ci_low``, ``ci_high``: The interval; NaN with fewer than two valid seeds.
+    ``chance``: Probability that a further recording reaches the target; NaN with fewer than two valid seeds.
+    ``seeds``: Number of valid seeds.
+    """
+
+    answer: Literal["yes", "no", "not yet known"]
+    ci_low: float
+    ci_high: float
+    chance: float
+    seeds: int
+
+
 _LEVEL = 0.975
+
+
+def decide_target(values: Sequence[float], target: float) -> TargetDecision:
+    """Decide from the values of several recordings whether a target is reached.
+
+    The logarithms are assumed to be normal, with mean m and standard deviation s. The root mean square is then
+    exp(m + s²), and the variance of the estimate of its logarithm is s²/n + 2 s⁴/(n - 1) (as by Cox for the mean; see
+    Zhou and Gao 1997). The chance of a further recording follows from Student's t for its logarithm.
+
+    >>> found = decide_target([0.9, 1.0, 1.1, 1.0], 1.2)
+    >>> found.answer, round(found.ci_low, 2), round(found.ci_high, 2), round(found.chance, 2)
+    ('yes', 0.88, 1.15, 0.94)
+    """
+    from scipy.special import stdtr, stdtrit
+
+    each = np.asarray([one for one in values if math.isfinite(one)], dtype=np.float64)
+    count = len(each)
+    if count < 2 or not (each > 0).all():
+        return TargetDecision("not yet known", math.nan, math.nan, math.nan, count)
+    logs = np.log(each)
+    middle, variance = float(logs.mean()), float(logs.var(ddof=1))
+    half = float(stdtrit(count - 1, _LEVEL)) * math.sqrt(variance / count + 2 * variance**2 / (count - 1))
+    low, high = (math.exp(min(middle + variance + side * half, 700.0)) for side in (-1, 1))
+    away = math.log(target) - middle
+    scatter = math.sqrt(variance * (1 + 1 / count))
+    chance = float(stdtr(count - 1, away / scatter)) if scatter > 0 else float(away >= 0)
+    return TargetDecision("yes" if high <= target else "no" if low > target else "not yet known", low, high, chance, count)
+
+
+def decide_rig_target(rig: RigDesign, objective: Objective) -> TargetDecision | None:
+    """Return the decision on the target of an objective for a simulated rig; None without a target or simulations."""
+    if objective.wanted is None or objective.title not in rig.simulated:
+        return None
+    return decide_target(rig.figures.get(objective.title, {}).get(objective.statistic, ()), objective.wanted)
 
 
 def compute_rig_interval(rig: RigDesign, title: str, statistic: str) -> PredictionInterval:
