@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenetruth.design.optimisation import STATISTICS, compute_predicted_statistic
+from scenetruth.design.optimisation import STATISTICS, compute_predicted_statistic, decide_target
 from scenetruth.design.prediction import PredictedValue, compute_spread
 from scenetruth.scoring.statistics import error_statistics
 
@@ -52,3 +52,28 @@ def test_points_without_error_or_without_number() -> None:
     assert median == 0.0
     assert rms == pytest.approx(np.sqrt(0.1))
     assert percentile == pytest.approx(0.6745, rel=0.05)
+
+
+@pytest.mark.parametrize(("count", "scatter"), [(5, 0.1), (5, 0.3), (20, 0.3)])
+def test_decisions_on_targets_have_their_error_rates(count: int, scatter: float) -> None:
+    # Recordings whose RMS is 1: of 2000 intervals of 95 %, 1900 +- 40 (four standard errors) contain it; Cox's interval
+    # is approximate, by 2 % for five values.
+    generator = np.random.default_rng(count)
+    draws = np.exp(scatter * generator.standard_normal((2000, count + 1)) - scatter**2)
+    found = [decide_target(row[:-1], 1.0) for row in draws]
+    answers = [one.answer for one in found]
+    assert 0.93 - 0.02 < answers.count("not yet known") / len(found) < 0.97 + 0.02
+    # The stated chance of a further recording is the fraction that reaches the target, within four standard errors.
+    reached = draws[:, -1] <= 1.0
+    assert np.mean([one.chance for one in found]) == pytest.approx(reached.mean(), abs=0.045)
+    far = [decide_target(row[:-1], 10.0).answer for row in draws[:100]]
+    assert set(far) == {"yes"}
+    near = [decide_target(row[:-1], 0.1).answer for row in draws[:100]]
+    assert set(near) == {"no"}
+
+
+def test_targets_without_enough_recordings_are_not_decided() -> None:
+    for values in ((), (0.1,), (0.1, float("nan")), (0.0, 0.1)):
+        found = decide_target(values, 1.0)
+        assert found.answer == "not yet known"
+        assert np.isnan([found.ci_low, found.ci_high, found.chance]).all()

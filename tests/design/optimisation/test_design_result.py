@@ -7,34 +7,37 @@ from dataclasses import replace
 
 import pytest
 
-from scenetruth.design.optimisation import PredictionInterval, RigDesign, Sensitivity, compose_summary, format_parameter
+from scenetruth.design.optimisation import (
+    PredictionInterval,
+    RigDesign,
+    Sensitivity,
+    compose_summary,
+    compute_prediction_interval,
+    format_parameter,
+)
 from tests.helpers.small_specification import objective
 
 
 @pytest.mark.parametrize(
     ("wanted", "simulated", "verdict"),
     [
-        (0.5, None, "target 0.5: met (predicted)"),
-        (0.1, None, "target 0.1: NOT met (predicted)"),
-        (0.5, PredictionInterval(0.3, 0.2, 0.4, 3), "target 0.5: met (simulated)"),
-        (
-            0.5,
-            PredictionInterval(0.3, 0.1, 0.9, 3),
-            "target 0.5: met, but a further recording may miss it (simulated)",
-        ),
+        (0.5, (), "target 0.5: Not yet known: the prediction meets it, without a simulation"),
+        (0.1, (), "target 0.1: Not yet known: the prediction does not meet it, without a simulation"),
+        (0.5, (0.29, 0.3, 0.31), "target 0.5: Yes: at most"),
+        (0.5, (0.2, 0.3, 0.7), "target 0.5: Not yet known: "),
+        (0.5, (0.3,), "target 0.5: Not yet known: one recording cannot decide it"),
         # The prediction would reach it, and the simulation does not.
-        (0.25, PredictionInterval(0.3, 0.2, 0.4, 3), "target 0.25: NOT met (simulated)"),
+        (0.25, (0.29, 0.3, 0.31), "target 0.25: No: at least"),
     ],
 )
-def test_what_is_wanted_is_judged_by_simulations(
-    wanted: float, simulated: PredictionInterval | None, verdict: str
-) -> None:
-    told = {} if simulated is None else {"depth": simulated}
-    rig = RigDesign(3, {"stage.baseline_mm": 4.25}, {}, {"depth": 0.2}, told, (), None, "")
+def test_targets_are_decided_by_simulations(wanted: float, simulated: tuple[float, ...], verdict: str) -> None:
+    entries = {"depth": compute_prediction_interval(simulated)} if simulated else {}
+    figures = {"depth": {"scaled_median_abs_error": simulated}}
+    rig = RigDesign(3, {"stage.baseline_mm": 4.25}, {}, {"depth": 0.2}, entries, (), None, "", figures)
     lines = compose_summary((objective(wanted=wanted),), rig, (), (), ())
     assert lines[0] == "recommended, rig 3: stage.baseline_mm = 4.25"
     assert lines[1].startswith("depth: scaled median absolute error, predicted 0.2 mm")
-    assert lines[1].endswith(verdict)
+    assert verdict in lines[1]
 
 
 def test_the_rms_error_stands_beside_a_typical_one() -> None:

@@ -67,6 +67,19 @@ def test_what_was_simulated_is_told_beside_the_prediction(found: DesignResult) -
     assert any(re.search("images cropped from 64 x 48 to 6[0-4] x 3[0-9] px", line) for line in found.assumptions)
 
 
+def test_more_recordings_are_simulated_while_a_target_is_undecided(found: DesignResult) -> None:
+    assert found.recommended.simulated["Depth"].seeds == 2
+    at_the_target = found.recommended.simulated["Depth"].value
+
+    def simulated(target: float, most: int | None = None) -> int:
+        goal = {"objectives": [{"quantity": "depth", "target": target}], "search": FEW}
+        few = {"confirmation": {**CONFIRMED["confirmation"], "most_seeds": most}}
+        return optimise(spec(**{**goal, **few}), workers=1).recommended.simulated["Depth"].seeds
+
+    assert simulated(at_the_target, 3) == 3
+    assert simulated(1e12 * at_the_target) == 2
+
+
 def test_the_answer_lies_in_its_folder(found: DesignResult, folder: Path) -> None:
     names = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
     assert names >= {

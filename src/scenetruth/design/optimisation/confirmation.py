@@ -386,7 +386,7 @@ def check_pair_rank(one: RigDesign, other: RigDesign, objective: Objective) -> R
     title = objective.title
     better, worse = sorted((one, other), key=lambda rig: rig.predicted[title])
     figures = [rig.figures.get(title, {}).get(objective.statistic, ()) for rig in (better, worse)]
-    pairs = [(a, b) for a, b in zip(*figures, strict=True) if 0 < a < math.inf and 0 < b < math.inf]
+    pairs = [(a, b) for a, b in zip(*figures, strict=False) if 0 < a < math.inf and 0 < b < math.inf]
     predicted = worse.predicted[title] / better.predicted[title]
     if len(pairs) < 2:
         return RankConsistency(

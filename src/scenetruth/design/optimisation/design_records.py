@@ -15,8 +15,9 @@ from scenetruth.scoring.statistics import STATISTIC_TITLES
 
 __all__ = [
     "STATISTICS", "ConstraintValue", "DesignSpecError", "Discrepancy", "Objective", "PredictionInterval",
-    "RankConsistency", "RigDesign", "RuleOfThumb", "Sensitivity", "Statistic", "StatisticKind",
-    "compute_predicted_statistic", "compute_prediction_interval", "compute_rig_interval",
+    "RankConsistency", "RigDesign", "RuleOfThumb", "Sensitivity", "Statistic", "StatisticKind", "TargetDecision",
+    "compute_predicted_statistic", "compute_prediction_interval", "compute_rig_interval", "decide_rig_target",
+    "decide_target", "describe_decision",
 ]  # fmt: skip
 
 
@@ -208,6 +209,9 @@ class Discrepancy:
     says: str
 
 
+Answer = Literal["yes", "no", "not yet known"]
+
+
 @dataclass(frozen=True)
 class TargetDecision:
     """Whether a rig reaches the target of an objective.
@@ -219,7 +223,7 @@ class TargetDecision:
     ``seeds``: Number of valid seeds.
     """
 
-    answer: Literal["yes", "no", "not yet known"]
+    answer: Answer
     ci_low: float
     ci_high: float
     chance: float
@@ -238,7 +242,7 @@ def decide_target(values: Sequence[float], target: float) -> TargetDecision:
 
     >>> found = decide_target([0.9, 1.0, 1.1, 1.0], 1.2)
     >>> found.answer, round(found.ci_low, 2), round(found.ci_high, 2), round(found.chance, 2)
-    ('yes', 0.88, 1.15, 0.94)
+    ('yes', 0.88, 1.15, 0.93)
     """
     from scipy.special import stdtr, stdtrit
 
@@ -253,7 +257,8 @@ def decide_target(values: Sequence[float], target: float) -> TargetDecision:
     away = math.log(target) - middle
     scatter = math.sqrt(variance * (1 + 1 / count))
     chance = float(stdtr(count - 1, away / scatter)) if scatter > 0 else float(away >= 0)
-    return TargetDecision("yes" if high <= target else "no" if low > target else "not yet known", low, high, chance, count)
+    answer: Answer = "yes" if high <= target else "no" if low > target else "not yet known"
+    return TargetDecision(answer, low, high, chance, count)
 
 
 def decide_rig_target(rig: RigDesign, objective: Objective) -> TargetDecision | None:
@@ -261,6 +266,20 @@ def decide_rig_target(rig: RigDesign, objective: Objective) -> TargetDecision | 
     if objective.wanted is None or objective.title not in rig.simulated:
         return None
     return decide_target(rig.figures.get(objective.title, {}).get(objective.statistic, ()), objective.wanted)
+
+
+def describe_decision(found: TargetDecision, unit: str) -> str:
+    """Return a decision in words: the answer, the interval, and the chance of a further recording."""
+    recordings = "one recording" if found.seeds == 1 else f"{found.seeds} recordings"
+    if not math.isfinite(found.ci_low):
+        return f"Not yet known: {recordings} cannot decide it"
+    further = f"a further recording reaches the target with a probability of {100 * found.chance:.0f} %"
+    if found.answer == "yes":
+        return f"Yes: at most {found.ci_high:.3g} {unit} with 95 % confidence; {further}"
+    if found.answer == "no":
+        return f"No: at least {found.ci_low:.3g} {unit} with 95 % confidence; {further}"
+    between = f"{found.ci_low:.3g} to {found.ci_high:.3g} {unit} with 95 % confidence, from {recordings}"
+    return f"Not yet known: {between}; more seeds decide it. Now {further}"
 
 
 def compute_rig_interval(rig: RigDesign, title: str, statistic: str) -> PredictionInterval:

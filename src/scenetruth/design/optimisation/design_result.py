@@ -20,6 +20,8 @@ from scenetruth.design.optimisation.design_records import (
     RuleOfThumb,
     Sensitivity,
     compute_rig_interval,
+    decide_rig_target,
+    describe_decision,
 )
 from scenetruth.errors import ArgumentError, Problem, StoreError
 from scenetruth.output import claim_folder, write_atomically
@@ -161,17 +163,16 @@ def _reached(objectives: Sequence[Objective], rig: RigDesign) -> Iterator[str]:
     for one in objectives:
         line = f"{one.title}: {one.statistic_title}, predicted {rig.predicted[one.title]:.3g} {one.unit}"
         found = rig.simulated.get(one.title)
-        figure, known = rig.predicted[one.title], "predicted"
         if found is not None:
-            figure, known = found.value, "simulated"
             line += f", simulated {found.value:.3g} ({_seeds(found)}{_compare_rmse(rig, one)})"
             if rig.density(one.title) < SUFFICIENT_DENSITY:
                 line += f"; only {100 * rig.density(one.title):.0f} % of the pixels are valid"
-        if one.wanted is not None:
-            reached = "met" if figure <= one.wanted else "NOT met"
-            if found is not None and figure <= one.wanted < found.pi_high:
-                reached = "met, but a further recording may miss it"
-            line += f"; target {one.wanted:g}: {reached} ({known})"
+        decision = decide_rig_target(rig, one)
+        if decision is not None:
+            line += f"; target {one.wanted:g}: {describe_decision(decision, one.unit)}"
+        elif one.wanted is not None:
+            prediction = "meets" if rig.predicted[one.title] <= one.wanted else "does not meet"
+            line += f"; target {one.wanted:g}: Not yet known: the prediction {prediction} it, without a simulation"
         yield line
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.design.optimisation.confirmation import ConfirmationResult, check_rank_consistency, simulate_candidates
-from scenetruth.design.optimisation.design_records import RigDesign, Sensitivity
+from scenetruth.design.optimisation.design_records import Discrepancy, RigDesign, Sensitivity, decide_rig_target
 from scenetruth.design.optimisation.design_result import DesignResult
 from scenetruth.design.optimisation.design_search import (
     SensitivityResult,
@@ -62,6 +62,7 @@ INDEX = "specification.json"
 _FOLDER = JobFolder(INDEX, "a design", "simulations", compared=("key",), indent=None)
 _PREDICTIONS = "predictions.jsonl"
 _MOST_SHOWN = 24
+_MORE_SEEDS = 4
 
 
 def optimise(
@@ -203,7 +204,7 @@ class _Run:
     def timed(self, what: str) -> Iterator[None]:
         start = time.perf_counter()
         yield
-        self.seconds[what] = round(time.perf_counter() - start, 2)
+        self.seconds[what] = round(self.seconds.get(what, 0.0) + time.perf_counter() - start, 2)
 
     def search(self, crew: TaskExecutor) -> None:
         from scipy.stats import qmc
@@ -250,6 +251,9 @@ class _Run:
             )
         by_number = {rig.number: simulated.rigs.get(rig.number, rig) for rig in rigs}
         recommended = self._recommended(list(by_number.values()), simulated)
+        with self.timed("simulations"):
+            recommended, discrepancies = self._decide(recommended, simulated.discrepancies, workers, scheduler)
+        by_number[recommended.number] = recommended
         on_front = [by_number[number] for number in front]
         on_front.sort(key=lambda rig: [rig.predicted[one.title] for one in task.objectives])
         one = self.found[recommended.number]
@@ -270,7 +274,7 @@ class _Run:
             sensitivities=sensitivities,
             rules=check_rules_of_thumb(facts),
             assumptions=list_assumptions(self.spec, facts, simulated.changes, self.effects.left_out, sensitivities),
-            discrepancies=simulated.discrepancies,
+            discrepancies=discrepancies,
             seconds=self.seconds,
             alternatives=tuple(by_number[number] for number in shown if number not in front),
             orders=check_rank_consistency(list(by_number.values()), task.objectives),
@@ -291,6 +295,35 @@ class _Run:
         if simulated.rigs:
             self.say("no simulation has valid values of all objectives; the recommended rig is based on predictions")
         return rigs[select_recommended([rig.predicted for rig in rigs], objectives)]
+
+    def _decide(
+        self, rig: RigDesign, discrepancies: tuple[Discrepancy, ...], workers: int, scheduler: str | None
+    ) -> tuple[RigDesign, tuple[Discrepancy, ...]]:
+        """Simulate a rig with more seeds while these do not decide whether it reaches a target."""
+        confirm = self.spec.confirmation
+        seeds, most = confirm.seeds, confirm.most_seeds or _MORE_SEEDS * confirm.seeds
+        while seeds < most and (undecided := self._undecided(rig)):
+            seeds = min(2 * seeds, most)
+            self.say(f"{', '.join(undecided)}: it is not yet known whether the target is reached; {seeds} seeds")
+            more = simulate_candidates(
+                [rig],
+                self.prepared,
+                confirm.model_copy(update={"seeds": seeds}),
+                self.folder,
+                workers,
+                scheduler=scheduler,
+                progress=self.progress,
+                notice=self.say,
+                limits=self.limits,
+            )
+            rig = more.rigs[rig.number]
+            discrepancies = (*(one for one in discrepancies if one.rig != rig.number), *more.discrepancies)
+        return rig, discrepancies
+
+    def _undecided(self, rig: RigDesign) -> list[str]:
+        """Return the titles of the objectives whose recordings do not decide about the target."""
+        decisions = {one.title: decide_rig_target(rig, one) for one in self.prepared.task.objectives}
+        return [title for title, one in decisions.items() if one is not None and one.answer == "not yet known"]
 
     def _sensitivities(self, one: Evaluation) -> tuple[Sensitivity, ...]:
         space, task = self.prepared.space, self.prepared.task

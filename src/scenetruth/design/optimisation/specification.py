@@ -122,6 +122,9 @@ class ConfirmationSpec(FrozenModel):
     seeds: Annotated[int, Field(ge=1, le=1000)] = 5
     """Recordings per rig with independent textures, noise and stage errors. The half width of the prediction interval
     of a further recording is 5.0, 3.0 and 2.5 standard deviations for 3, 5 and 8 seeds."""
+    most_seeds: Annotated[int, Field(ge=1, le=1000)] | None = None
+    """Largest number of recordings of the recommended rig: while its recordings do not decide whether a target is
+    reached, their number is doubled, up to this number. null for four times ``seeds``."""
     max_size_px: Annotated[int, Field(ge=32, le=32768)] | None = 240
     """Images are cropped to this size along the longer side, around the centre of the first objective's region; the
     width is increased by the disparity of the outermost positions, and the height reduced. null for full images."""

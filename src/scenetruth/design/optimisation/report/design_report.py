@@ -11,7 +11,12 @@ from typing import Any
 
 import yaml
 
-from scenetruth.design.optimisation.design_records import Objective, compute_rig_interval
+from scenetruth.design.optimisation.design_records import (
+    Objective,
+    compute_rig_interval,
+    decide_rig_target,
+    describe_decision,
+)
 from scenetruth.design.optimisation.design_result import (
     RESULT_FILE,
     SCREENING_FILE,
@@ -117,20 +122,17 @@ def summarise_objectives(design: DesignResult) -> list[ObjectiveResult]:
 
 def _verdict(design: DesignResult, objective: Objective) -> str:
     wanted, title = objective.wanted, objective.title
-    predicted, simulated = design.recommended.predicted[title], design.recommended.simulated.get(title)
     if wanted is None:
         return ""
     aim = f"Target: {format_length(wanted)} {objective.unit}"
-    if simulated is None:
-        return f"{aim}. {'Met' if predicted <= wanted else 'Not met'} by the prediction; not simulated."
-    if not simulated.value <= wanted:
-        return f"{aim}. Not met."
-    if math.isfinite(simulated.pi_high) and simulated.pi_high > wanted:
-        line = "Met by the mean, but not by the whole interval."
-    else:
-        line = f"Met{' by the whole interval' if math.isfinite(simulated.pi_high) else ''}."
+    decision = decide_rig_target(design.recommended, objective)
+    if decision is None:
+        met = "meets" if design.recommended.predicted[title] <= wanted else "does not meet"
+        return f"{aim}. Not yet known: the prediction {met} it, and the rig was not simulated."
     rms = compute_rig_interval(design.recommended, title, "rmse")
-    return f"{aim}. {line}" + (" The RMSE is above the target." if rms.value > wanted else "")
+    outliers = objective.statistic != "rmse" and decision.answer == "yes" and rms.value > wanted
+    words = describe_decision(decision, objective.unit)
+    return f"{aim}. {words}." + (" The RMSE, which includes outliers, is above the target." if outliers else "")
 
 
 def list_warnings(design: DesignResult) -> list[tuple[str, str]]:
@@ -146,9 +148,12 @@ def list_warnings(design: DesignResult) -> list[tuple[str, str]]:
         figure = design.recommended.predicted[objective.title]
         if objective.title in design.recommended.simulated:
             figure = design.recommended.simulated[objective.title].value
-        if objective.wanted is not None and not figure <= objective.wanted:
+        decision = decide_rig_target(design.recommended, objective)
+        missed = decision.answer == "no" if decision is not None else not figure <= (objective.wanted or math.inf)
+        if objective.wanted is not None and (missed or (decision is not None and decision.answer == "not yet known")):
             aim = f"{format_number(figure)} {objective.unit}, target {format_length(objective.wanted)} {objective.unit}"
-            values.append((f"The recommended rig does not meet the target. {objective.title}: {aim}.", "alternatives"))
+            says = "does not meet the target" if missed else "is not yet known to meet the target"
+            values.append((f"The recommended rig {says}. {objective.title}: {aim}.", "alternatives"))
         values += _far_off(design, objective, figure)
         if design.recommended.density(objective.title) < SUFFICIENT_DENSITY:
             share = f"{100 * design.recommended.density(objective.title):.0f} %"
