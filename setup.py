@@ -1,4 +1,4 @@
-"""Puts the scenes into the package when it is built; all else stands in pyproject.toml."""
+"""Puts the scenes and the glossary into the package when it is built; all else stands in pyproject.toml."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from setuptools import setup
 from setuptools.command.build_py import build_py
 
 _SCENES, _SHIPPED = "scenes", "scenetruth/shipped"
+_GLOSSARY = Path("docs/reference/glossary.md")
 
 
 class BuildWithScenes(build_py):
-    """Copies ``scenes/`` to ``scenetruth/shipped/``; an editable installation reads it where it is."""
+    """Copies ``scenes/`` and the glossary to ``scenetruth/shipped/``; an editable installation reads it where it is."""
 
     def run(self) -> None:
-        """Build the package, then copy the scenes into it."""
+        """Build the package, then copy the scenes and the glossary into it."""
         super().run()
         if not self.editable_mode:
             for source, target in self._copies().items():
@@ -33,7 +34,8 @@ class BuildWithScenes(build_py):
     def _copies(self) -> dict[Path, Path]:
         files = [path for path in sorted(Path(_SCENES).rglob("*")) if path.is_file()]
         files = [path for path in files if "__pycache__" not in path.parts and not path.name.startswith(".")]
-        return {path: Path(self.build_lib, _SHIPPED, path.relative_to(_SCENES)) for path in files}
+        copies = {path: Path(self.build_lib, _SHIPPED, path.relative_to(_SCENES)) for path in files}
+        return copies | {_GLOSSARY: Path(self.build_lib, _SHIPPED, _GLOSSARY.name)}
 
 
 if __name__ == "__main__":
