@@ -1,4 +1,4 @@
-"""Puts the scenes and the script of plotly into the package when it is built; all else stands in pyproject.toml."""
+"""Puts the scenes, the glossary and the script of plotly into the package when it is built; all else: pyproject.toml."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from setuptools import setup
 from setuptools.command.build_py import build_py
 
 _SCENES, _SHIPPED = "scenes", "scenetruth/shipped"
+_GLOSSARY = Path("docs/reference/glossary.md")
 _SCRIPT = "scenetruth/templates/plotly.min.js"
 
 
 class BuildWithCopies(build_py):
-    """Copies ``scenes/`` to ``scenetruth/shipped/``, and the script of plotly to ``scenetruth/templates/``.
+    """Copies ``scenes/`` and the glossary to ``scenetruth/shipped/``, and plotly's script to ``scenetruth/templates/``.
 
-    An editable installation reads the scenes where they are, and gets the script beside its templates.
+    An editable installation reads scenes and glossary where they are, and gets the script with its templates.
     """
 
     def run(self) -> None:
@@ -31,18 +32,19 @@ class BuildWithCopies(build_py):
 
     def get_source_files(self) -> list[str]:
         """Return what it is written from, which goes into source distributions."""
-        return [*super().get_source_files(), *map(str, self._scenes())]
+        return [*super().get_source_files(), *map(str, self._documents())]
 
     def _copies(self) -> dict[Path, Path]:
         script = self._script()
         if self.editable_mode:
             return {script: Path("src", _SCRIPT)}
-        return {**self._scenes(), script: Path(self.build_lib, _SCRIPT)}
+        return {**self._documents(), script: Path(self.build_lib, _SCRIPT)}
 
-    def _scenes(self) -> dict[Path, Path]:
+    def _documents(self) -> dict[Path, Path]:
         files = [path for path in sorted(Path(_SCENES).rglob("*")) if path.is_file()]
         files = [path for path in files if "__pycache__" not in path.parts and not path.name.startswith(".")]
-        return {path: Path(self.build_lib, _SHIPPED, path.relative_to(_SCENES)) for path in files}
+        copies = {path: Path(self.build_lib, _SHIPPED, path.relative_to(_SCENES)) for path in files}
+        return copies | {_GLOSSARY: Path(self.build_lib, _SHIPPED, _GLOSSARY.name)}
 
     def _script(self) -> Path:
         # Importing plotly would take a second.

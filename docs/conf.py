@@ -92,9 +92,18 @@ html_theme_options = {
 }
 notfound_urls_prefix = os.environ.get("SCENETRUTH_SITE_PREFIX", "/")
 notfound_context = {
-    "title": "No such page",
-    "body": "<h1>No such page</h1><p>There is nothing at this address. "
-    'The search above knows every page; <a href="/index.html">the first page</a> leads to all of them.</p>',
+    "title": "Page not found",
+    "body": f"""<h1>Page not found</h1>
+<p>This address has no page. It may have moved: search for its topic.</p>
+<form action="{notfound_urls_prefix}search.html" method="get" role="search">
+<p><label for="missing-page-search">Search the documentation</label>
+<input class="form-control" type="search" id="missing-page-search" name="q" placeholder="baseline_mm, RMSE, own camera">
+<button class="btn btn-primary mt-2" type="submit">Search</button></p>
+</form>
+<p>Or begin with <a href="{notfound_urls_prefix}get_started.html">Get started</a>,
+the <a href="{notfound_urls_prefix}tutorials/index.html">tutorials</a>,
+the <a href="{notfound_urls_prefix}how_to/index.html">how-to guides</a>
+or the <a href="{notfound_urls_prefix}index.html">first page</a>.</p>""",
 }
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True

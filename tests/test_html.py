@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenetruth.html import HtmlCell, HtmlTable, make_table, render_page, sort_key
+from scenetruth.html import Chart, HtmlCell, HtmlTable, make_table, render_page, sort_key
+from tests.helpers.page_words import without_definitions
 
 HOSTILE = "</script><b onclick='x'>"
 
@@ -44,16 +45,30 @@ def test_columns_of_words_are_told_from_numbers() -> None:
 def test_a_page_is_one_file_in_which_no_word_acts() -> None:
     # The sweep's template has tables, charts, and words of its own.
     charts = {HOSTILE: [{"text": HOSTILE}]}
-    found = {"factors": [HOSTILE], "scenes": [], "methods": [HOSTILE], "notes": [HOSTILE], "failures": [HOSTILE]}
-    told = {"seeds": 1, "values": [], "again": "", "best": [[HOSTILE, "2"]], "best_columns": ["a", HOSTILE]}
+    found = {name: [HOSTILE] for name in ("factors", "methods", "notes", "failures")} | {"scenes": []}
+    told = {
+        "result": HOSTILE,
+        "seeds": 1,
+        "values": [],
+        "again": "",
+        "best": [[HOSTILE, "2"]],
+        "best_columns": ["a", HOSTILE],
+    }
     told |= {"statistics": [], "statistic": "", "regions": [], "region": HOSTILE, "quantities": []}
     told |= {"columns": ["a"], "lines": [["3 px"]], "left_out": 0}
-    text = render_page("scenetruth.design.sweeps", "sweep.html.j2", charts, found=found, **told)
+    page = render_page("scenetruth.design.sweeps", "sweep.html.j2", charts, found=found, **told)
+    text = without_definitions(page)
     assert HOSTILE not in text
-    assert text.count("</script>") == 2
+    assert text.count("</script>") == 3
     outside = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
     assert not re.search(r'(src|href)="(?!#|data:)', outside)
-    assert outside.count("&lt;/script&gt;") >= 7
+    assert outside.count("&lt;/script&gt;") >= 8
     assert '<td data-key="3.0">3 px</td>' in outside
     # The style is that of the reports.
     assert "--accent" in outside
+
+
+def test_titles_of_charts_stand_above_them() -> None:
+    chart = Chart("c", "A chart", [], {"title": {"text": "Depth: RMSE, mm<br><sub>at x = <i>2</i></sub>"}})
+    assert (chart.title, chart.subtitle) == ("Depth: RMSE, mm", "at x = 2")
+    assert (Chart("c", "", [], {}).title, Chart("c", "", [], {}).subtitle) == ("", "")

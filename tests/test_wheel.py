@@ -40,6 +40,10 @@ def test_scenes_are_copied_with_their_files(build: Any, tmp_path: Path) -> None:
     assert {"cubes.yaml", "leaves.yaml"} <= {path.name for path in (shipped / "datasets").iterdir()}
     assert (shipped / "designs" / "cube_depth.yaml").is_file()
     assert not list(shipped.rglob("__pycache__"))
+    # Pages define their terms by the glossary.
+    glossary = ROOT / "docs" / "reference" / "glossary.md"
+    assert (shipped / "glossary.md").read_bytes() == glossary.read_bytes()
+    assert "docs/reference/glossary.md" in build.get_source_files()
     assert str(shipped / "cube.yaml") in build.get_outputs()
     # These go into a source distribution, from which a wheel is made elsewhere.
     assert {path.relative_to(ROOT).as_posix() for path in LIBRARY} <= set(build.get_source_files())

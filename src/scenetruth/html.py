@@ -9,6 +9,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from scenetruth.glossary import define_terms
+
 if TYPE_CHECKING:
     from jinja2 import Environment
 
@@ -38,6 +40,16 @@ class Chart:
     alt: str
     data: list[dict[str, Any]]
     layout: dict[str, Any]
+
+    @property
+    def title(self) -> str:
+        """The title, which the page shows above the chart."""
+        return str(self.layout.get("title", {}).get("text", "")).partition("<br>")[0]
+
+    @property
+    def subtitle(self) -> str:
+        """The line below the title; empty if there is none."""
+        return re.sub("<[^>]*>", "", str(self.layout.get("title", {}).get("text", "")).partition("<br>")[2])
 
 
 _NONE = "–"
@@ -134,16 +146,9 @@ def template_environment(package: str, *, autoescape: bool = True, **options: An
 
 def render_page(package: str, template: str, charts: Any, **values: Any) -> str:
     """Return a rendered page."""
-    return (
-        template_environment(package)
-        .get_template(template)
-        .render(
-            **values,
-            table_of=make_table,
-            plotly=plotly_script(),
-            charts=script_json(charts),
-        )
-    )
+    page = template_environment(package).get_template(template)
+    text = page.render(**values, table_of=make_table, plotly=plotly_script(), charts=script_json(charts))
+    return define_terms(text)
 
 
 def script_json(values: Any) -> str:

@@ -18,6 +18,7 @@ from scenetruth.benchmark.error_statistics import compute_efficiency_records
 from scenetruth.benchmark.ranking_charts import build_charts, compute_rank_leaders
 from scenetruth.estimators.external import CommandMethod, ResultsFolder
 from scenetruth.estimators.method_specs import parse_methods
+from tests.helpers.page_words import without_definitions
 
 HOSTILE = "</script><script>alert(1)</script>"
 
@@ -122,7 +123,8 @@ def test_methods_of_others_that_are_ahead_are_told_with_numbers(tmp_path: Path) 
     (one,) = compute_rank_leaders(found).ahead
     assert one.others == [("quick", "0.0125 px")]
     assert one.own == ["mine", "0.02 px"]
-    text = write_benchmark_report(found, [[one] for one in found.methods], tmp_path, "core").read_text(encoding="utf-8")
+    page = write_benchmark_report(found, [[one] for one in found.methods], tmp_path, "core")
+    text = without_definitions(page.read_text(encoding="utf-8"))
     head = text.index('id="who-leads"')
     places = [text.index(words) for words in ("1 of the 1</b> case with", "<b>quick</b> 0.0125 px", 'id="methods"')]
     assert [head, *places] == sorted([head, *places])
@@ -135,9 +137,8 @@ def test_nobody_is_ahead_by_nothing(tmp_path: Path) -> None:
     assert leads.cases == 1
     assert not leads.ahead
     assert not leads.best
-    assert "In none of the 1 case with" in write_benchmark_report(
-        found, [["mine"], ["theirs"]], tmp_path, "core"
-    ).read_text("utf-8")
+    page = write_benchmark_report(found, [["mine"], ["theirs"]], tmp_path, "core")
+    assert "In none of the 1 case with" in without_definitions(page.read_text("utf-8"))
     # A method alone, or methods of one kind, are not compared with others.
     assert compute_rank_leaders(told_by(("mine", 0.02))).cases == 0
     assert compute_rank_leaders(told_by(("a", 0.02), ("b", 0.03), own=())).best == [("a", ["Noise floor"])]

@@ -9,6 +9,8 @@ import pytest
 from scenetruth_site.generated import fill_in, generated_parts
 from scenetruth_site.site_text import site_text
 
+ROOT = Path(__file__).parents[2]
+
 
 @pytest.fixture
 def docs(tmp_path: Path) -> Path:
@@ -40,3 +42,14 @@ def test_generated_parts_are_filled_in() -> None:
     assert ".. autoexception:: SceneError" in fill_in(page)
     with pytest.raises(ValueError, match="unknown generated part 'scene dreams of'"):
         fill_in("<!-- generated: scene dreams of -->")
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs" / "tutorials").glob("*.md")), ids=lambda path: path.stem)
+def test_code_of_tutorials_fits_the_column_of_the_site(page: Path) -> None:
+    # 88 columns of 0.8 rem are 45 of the 56 rem of the column.
+    inside, wide = False, []
+    for line in page.read_text(encoding="utf-8").splitlines():
+        inside ^= line.startswith("```")
+        if inside and len(line) > 88 and not line.lstrip().startswith("alt:"):
+            wide.append(line)
+    assert wide == []

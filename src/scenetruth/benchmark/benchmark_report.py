@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import math
 import shlex
 from collections.abc import Mapping, Sequence
@@ -64,7 +62,9 @@ def select_worst_regions(found: BenchmarkResult, maps: Mapping[tuple[str, float]
             if one is None or one.quantity != quantity or label not in one.errors:
                 continue
             seen.add(kind)
-            good = f"{100 * share:.0f} % of {quantity} within {INLIER_PX:g} px"
+            none = not np.isfinite(one.errors[label]).any()
+            good = f"{100 * share:.0f}\u00a0% of {quantity} within {INLIER_PX:g}\u00a0px"
+            good = f"no valid pixel of {quantity}" if none else good
             title = f"{case.title}, {case.varied} = {case.get_label(value)}: {good}"
             words = f"Image of the reference camera and the errors of {one.quantity} by {label}; {title}."
             pictures.append(WorstRegion(label, title, words, _drawn(one, label)))
@@ -76,22 +76,11 @@ _FINE = 0.95
 
 
 def _drawn(maps: CaseErrorMaps, label: str) -> str:
-    """Return a PNG of image and errors side by side; invalid pixels are grey."""
-    from matplotlib import colormaps
-    from PIL import Image
+    """Return a PNG of image and errors side by side, with a mark at the largest error; invalid pixels are hatched."""
+    from scenetruth.scoring.report.hotspot_pictures import draw_hotspot_map
 
-    image = maps.image
-    low, high = np.percentile(image, [0.5, 99.5])
-    grey = np.clip((image - low) / max(float(high - low), 1e-9), 0, 1)
-    shown = np.repeat(grey[..., None], 3, axis=-1)
-    error = maps.errors[label]
-    colours = colormaps["RdBu_r"](np.clip(np.nan_to_num(error) / (2 * _SCALE_PX) + 0.5, 0, 1))[..., :3]
-    colours[~np.isfinite(error)] = 0.6
-    both = np.concatenate([shown, np.ones((len(image), 6, 3)), colours], axis=1)
-    picture = Image.fromarray((255 * both).astype(np.uint8)).resize((2 * both.shape[1], 2 * both.shape[0]), 0)
-    stream = io.BytesIO()
-    picture.save(stream, "PNG", optimize=True)
-    return base64.b64encode(stream.getvalue()).decode("ascii")
+    image, errors = maps.image.astype(np.float64), maps.errors[label].astype(np.float64)
+    return draw_hotspot_map(image, errors, _SCALE_PX)
 
 
 def describe_colour_scale() -> Sequence[str]:
@@ -100,7 +89,8 @@ def describe_colour_scale() -> Sequence[str]:
         f"blue is {-_SCALE_PX:g} px and less",
         "white is zero",
         f"red is {_SCALE_PX:g} px and more",
-        "grey is invalid",
+        "hatched is invalid",
+        "the square marks the largest error",
     )
 
 

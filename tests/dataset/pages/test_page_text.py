@@ -2,8 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
+from scenetruth.dataset.distributions import (
+    ChoiceDistribution,
+    LogUniformDistribution,
+    NormalDistribution,
+    RotationDistribution,
+    UniformDistribution,
+)
 from scenetruth.dataset.pages import (
     collect_quantities,
     describe_criterion,
@@ -47,14 +56,14 @@ def test_values_are_numbers_or_categories() -> None:
     assert (few, others) == (("noise", 3), ("plaid", 3))
     # Two of a kind are told apart by all that they say.
     (alike,) = split_quantities("t", "", [{"kind": "noise", "mean": mean} for mean in (0.2, 0.3)])
-    assert alike.counts == (('{"kind": "noise", "mean": 0.2}', 1), ('{"kind": "noise", "mean": 0.3}', 1))
+    assert alike.counts == (("noise (mean 0.2)", 1), ("noise (mean 0.3)", 1))
     (many,) = split_quantities("t", "", [f"name {number}" for number in range(30)])
     assert many.counts[-1] == ("19 others", 19)
     vectors = split_quantities("direction", "", [[number / 30, 0.0, 1.0] for number in range(30)])
     assert [one.label for one in vectors] == ["direction X", "direction Y", "direction Z"]
     assert vectors[1].is_constant
     assert not vectors[0].is_constant
-    assert split_quantities("t", "mm", [True, False])[0].counts == (("false", 1), ("true", 1))
+    assert split_quantities("t", "mm", [True, False])[0].counts == (("no", 1), ("yes", 1))
 
 
 def test_drawn_values_know_their_scale(sampler_with: Make) -> None:
@@ -73,7 +82,7 @@ def test_recipes_in_words(sampler_with: Make) -> None:
         hold_out={"a": [51]},
     )
     assert [describe_distribution(item.distribution) for item in sampler.varied] == [
-        "choice: values [50, 51]",
+        "one of 50, 51",
         "= 2 * a",
     ]
     assert describe_criterion(sampler.recipe.acceptance[0]) == "depth of tile: at most 200 mm"
@@ -93,3 +102,38 @@ def test_markdown_stays_text() -> None:
     assert r"\[c\](javascript:d)" in told
     assert r"a \| b" in told
     assert format_code("a`b|c\nd") == "``a`b\\|c d``"
+
+
+DISTRIBUTIONS: dict[str, Any] = {
+    "choice": ChoiceDistribution,
+    "log_uniform": LogUniformDistribution,
+    "normal": NormalDistribution,
+    "rotation": RotationDistribution,
+    "uniform": UniformDistribution,
+}
+
+
+@pytest.mark.parametrize(
+    ("plain", "words"),
+    [
+        ({"kind": "uniform", "low": -1, "high": 2.5}, "uniform from -1 to 2.5"),
+        (
+            {"kind": "log_uniform", "low": 0.1, "high": 2, "sampling": "sobol"},
+            "log-uniform from 0.1 to 2 (Sobol sequence)",
+        ),
+        ({"kind": "normal", "mean": 1, "std": 0.5}, "normal with mean 1 and standard deviation 0.5"),
+        ({"kind": "normal", "mean": 1, "std": 2, "low": 0}, "normal with mean 1 and standard deviation 2, cut from 0"),
+        ({"kind": "rotation"}, "random rotation, uniform over all orientations"),
+        (
+            {"kind": "choice", "values": [{"kind": "ring", "radius_mm": 7}, {"kind": "disc"}], "weights": [1, 3]},
+            "one of ring (25 %), disc (75 %)",
+        ),
+        (
+            {"kind": "choice", "values": [{"kind": "noise", "mean": 0.2}, {"kind": "noise", "mean": 0.3}]},
+            "one of noise (mean 0.2), noise (mean 0.3)",
+        ),
+    ],
+)
+def test_distributions_are_read_as_words(plain: dict[str, Any], words: str) -> None:
+    fields = {name: value for name, value in plain.items() if name != "kind"}
+    assert describe_distribution(DISTRIBUTIONS[plain["kind"]](**fields)) == words

@@ -16,6 +16,7 @@ import pytest
 import scenetruth as st
 from scenetruth.design.uncertainty import Budget, compute_bars, make_waterfalls, write_page, write_waterfall
 from scenetruth.number_format import format_two_digits
+from tests.helpers.page_words import without_definitions
 from tests.helpers.sample_budget import budget_of_a_cube
 
 HOSTILE = "</script><script>alert(1)</script>"
@@ -74,7 +75,7 @@ def test_the_page_is_one_file_in_which_no_word_acts(found: Budget, tmp_path: Pat
     assert waterfall.data[0]["text"][0] == "1.4"
     assert waterfall.alt.startswith("Depth, mm: stage yaw 1.4; slanted surfaces 0.16")
     page = write_page(found, tmp_path)
-    text = page.read_text(encoding="utf-8")
+    text = without_definitions(page.read_text(encoding="utf-8"))
     chart = re.search(r"const charts = (\{.*\});", text)
     assert chart is not None
     assert json.loads(chart[1]) == {waterfall.name: {"data": waterfall.data, "layout": waterfall.layout}}
@@ -86,7 +87,7 @@ def test_the_page_is_one_file_in_which_no_word_acts(found: Budget, tmp_path: Pat
 
 
 def test_tables_of_the_page_sort_and_their_sums_stay_below(found: Budget, tmp_path: Path) -> None:
-    text = write_page(found, tmp_path).read_text(encoding="utf-8")
+    text = without_definitions(write_page(found, tmp_path).read_text(encoding="utf-8"))
     head, body, foot = (
         re.search(rf'<table class="sortable" id="parts-depth">.*?<{part}>(.*?)</{part}>', text, re.DOTALL)
         for part in ("thead", "tbody", "tfoot")
@@ -107,7 +108,7 @@ def test_the_page_is_of_one_region_and_says_which(found: Budget, tmp_path: Path)
     total = replace(found.totals[0], region="object_leaf", simulated=9.5)
     both = replace(found, parts=[*found.parts, *parts], totals=[*found.totals, total])
     inside, leaf = (
-        write_page(both, tmp_path, region).read_text(encoding="utf-8").split("<main>")[1]
+        without_definitions(write_page(both, tmp_path, region).read_text(encoding="utf-8")).split("<main>")[1]
         for region in ("interior", "object_leaf")
     )
     assert "RMS over the interior." in inside

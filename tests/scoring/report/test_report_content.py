@@ -8,7 +8,14 @@ import pytest
 
 from scenetruth.number_format import format_number, format_percent_value
 from scenetruth.scoring import score
-from scenetruth.scoring.report import Viewer, build_viewer, describe_maps, summarise_estimate, summarise_score
+from scenetruth.scoring.report import (
+    Viewer,
+    build_viewer,
+    describe_maps,
+    state_result,
+    summarise_estimate,
+    summarise_score,
+)
 from scenetruth.scoring.score_result import Score
 from tests.helpers.synthetic_case import Case, make_growing_case, with_regions
 
@@ -28,16 +35,18 @@ def test_depth_and_motion_are_told_with_their_signal_and_where_they_are_worst(sc
     assert f"{format_percent_value(inner['depth']['relative_rmse'])} % of the true value" in depth.rest
     spread = viewer.spread["depth"]
     assert inner["depth"]["rmse"] is not None
-    varies = (
-        f"{format_percent_value(inner['depth']['rmse'] / spread)} % of the standard deviation of the true depth there"
-    )
+    varies = f"{format_percent_value(inner['depth']['rmse'] / spread)} % of the standard deviation of the true depth"
     assert varies in depth.rest
     assert motion.figure == format_number(inner["velocity_epe"]["rmse"])
     assert motion.layer == "velocity_epe:error"
     assert motion.place == viewer.worst["velocity_epe"]
     further = {name: values for name, values in result.regions.items() if name not in ("all", "interior")}
     worst = max(values["depth"]["rmse"] or 0.0 for values in further.values() if (values["depth"]["count"] or 0) >= 100)
-    assert f"({format_number(worst)} mm)" in depth.rest
+    assert f", {format_number(worst)} mm." in depth.rest
+    # The picture shows the pixel with the largest error in its middle, and says what its colours are.
+    assert depth.picture is not None
+    assert f"{format_number(depth.picture.limit, 2)} mm and more" in depth.legend
+    assert state_result([depth, motion], "mine").startswith(f"The method mine measures depth to {depth.figure} mm and ")
 
 
 def test_flow_is_the_motion_where_there_is_no_velocity(full_case: Case) -> None:

@@ -19,6 +19,7 @@ from scenetruth.capture.report.calibration_figures import CalibrationData, draw_
 from scenetruth.capture.report.error_budget import DepthBudget, depth_budget
 from scenetruth.capture.report.noise_figures import draw_depth_std, draw_noise, noise_words, split_std
 from scenetruth.capture.report.suggestions import PoseEffect, Suggestion, assess_poses, cover, suggest
+from scenetruth.glossary import define_terms
 from scenetruth.html import HtmlTable, make_table, template_environment
 from scenetruth.number_format import format_two_digits
 from scenetruth.progress import Progress
@@ -75,7 +76,7 @@ def write_capture_page(results: CaptureResults, pictures: Path, progress: Progre
         budget = depth_budget(calibration, depth, fit)
         poses = assess_poses(fit, priors, calibration, budget)
         reached(1)
-        sentences = budget.words() + sentences
+        sentences = sentences + budget.words()
         found["suggestions"] = _suggestion_table(suggest(fit, priors, calibration, budget, poses), budget)
         reached(2)
         data = CalibrationData(calibration, solution, budget, poses, surface)
@@ -108,7 +109,7 @@ def write_capture_page(results: CaptureResults, pictures: Path, progress: Progre
         )
     )
     reached(_STEPS)
-    return text
+    return define_terms(text)
 
 
 def _depths(results: CaptureResults) -> tuple[float, tuple[float, float] | None]:
@@ -141,16 +142,15 @@ def _estimate_sentences(results: CaptureResults) -> list[str]:
     valid = _valid(frame)
     if not valid.any():
         return ["No pixel has a valid depth: see the check of the images below."]
-    sentences = [
-        f"{100 * valid.mean():.0f} % of the pixels have a valid depth; its median is "
-        f"{float(np.median(frame['depth'].values[valid])):.2f} mm."
-    ]
     parts = [
         f"{format_two_digits(float(np.nanmedian(values[valid])))} mm {text}"
         for text, values in split_std(frame).items()
     ]
-    if parts:
-        sentences.append(f"Median of the stated standard deviations of the depth: {', '.join(parts)}.")
+    stated = f", with a median standard uncertainty of {' and '.join(parts)}" if parts else ""
+    median = float(np.median(frame["depth"].values[valid]))
+    sentences = [
+        f"The median depth is {median:.2f} mm{stated}; {100 * valid.mean():.0f} % of the pixels have a valid depth."
+    ]
     return sentences
 
 
@@ -196,10 +196,12 @@ def _estimate_figures(results: CaptureResults, pictures: Path) -> list[tuple[Fig
     own = [] if results.estimate is None else _inlined(draw_depth_std(results.estimate, pictures), pictures)
     if results.figures is None or not results.figures.is_dir():
         return own
+    # Growth is a small difference of large numbers: without a standard deviation, it may be noise.
+    stated = results.estimate is not None and "growth_rate_std" in results.estimate
     found = [
         FigureInfo(f"{name}.png", *_TITLES[name])
         for name in _SHOWN_FIGURES
-        if (results.figures / f"{name}.png").exists()
+        if (results.figures / f"{name}.png").exists() and (name != "growth_rate" or stated)
     ]
     return _inlined(found, results.figures) + own
 

@@ -75,18 +75,18 @@ class DepthBudget:
     def words(self) -> list[str]:
         """Return the budget as sentences."""
         listed = [part for part in self.parts if part.mean_mm > 0.1 * self.total.mean_std][:4]
-        named = ", ".join(f"{part.title} {format_two_digits(part.mean_mm)}" for part in listed)
+        named = ", ".join(f"{part.title} {format_two_digits(part.mean_mm)} mm" for part in listed)
         return [
-            f"Depth of all pixels at {self.depth_mm:.0f} mm{self._scan}: "
-            f"± {format_two_digits(self.total.mean_std)} mm in common, of which {named}.",
-            f"Differences of depth within a map: ± {format_two_digits(self.calibration.rest_rms)} mm (RMS over the "
-            "image) by the calibration.",
+            f"Calibration and stage shift the depth at {self.depth_mm:.0f} mm of all pixels{self._scan} together, "
+            f"with a standard uncertainty of {format_two_digits(self.total.mean_std)} mm. Contributions: {named}.",
+            "Depth differences within a map have a standard uncertainty of "
+            f"{format_two_digits(self.calibration.rest_rms)} mm by the calibration (RMS over the image).",
         ]
 
     @property
     def _scan(self) -> str:
         """New visits are new at every scan."""
-        return "" if self.total.mean_std == self.calibration.mean_std else " from one scan"
+        return "" if self.total.mean_std == self.calibration.mean_std else " of a scan"
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.dataset.pages.page_text import format_label, format_title, split_unit
+from scenetruth.dataset.pages.page_text import describe_value, format_label, format_title, split_unit
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.scoring.figures.figure_style import BLUE, GREY, new_figure, save, style
 
@@ -114,7 +114,7 @@ def _counted(values: Sequence[Any], texts: Sequence[str]) -> Iterator[tuple[str,
     by_text = dict(zip(texts, values, strict=True))
     short = {text: _short(value) for text, value in by_text.items()}
     if len(set(short.values())) < len(short):
-        short = {text: _cut(text) for text in short}
+        short = {text: _cut(describe_value(value)) for text, value in by_text.items()}
     counts = sorted(Counter(texts).items(), key=lambda one: (-one[1], one[0]))
     kept = counts if len(counts) <= _MOST_CATEGORIES else counts[: _MOST_CATEGORIES - 1]
     yield from ((short[text], count) for text, count in kept)
@@ -125,8 +125,8 @@ def _counted(values: Sequence[Any], texts: Sequence[str]) -> Iterator[tuple[str,
 
 def _short(value: Any) -> str:
     if isinstance(value, Mapping) and isinstance(value.get("kind"), str):
-        return _cut(value["kind"])
-    return _cut(value if isinstance(value, str) else json.dumps(value, ensure_ascii=False))
+        return _cut(value["kind"].replace("_", " "))
+    return _cut(describe_value(value))
 
 
 def _cut(text: str) -> str:

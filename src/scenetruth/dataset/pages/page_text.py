@@ -11,6 +11,7 @@ from scenetruth.dataset.acceptance import AcceptanceCriterion
 from scenetruth.dataset.distributions import Distribution, FormulaDistribution, RandomDistribution
 from scenetruth.dataset.sampler import HELD_OUT, Sampler
 from scenetruth.errors import visible
+from scenetruth.glossary import define_terms
 from scenetruth.html import template_environment
 from scenetruth.number_format import format_count, format_number
 from scenetruth.scene.field_paths import PathError, value_at
@@ -19,9 +20,9 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 __all__ = [
-    "RawMarkdown", "describe_criterion", "describe_distribution", "describe_splits", "escape_markdown", "format_code",
-    "format_label", "format_size", "format_title", "render_html", "render_markdown", "split_unit",
-    "tabulate_distributions", "tabulate_paired_factors", "tabulate_rejections",
+    "RawMarkdown", "describe_criterion", "describe_distribution", "describe_splits", "describe_value",
+    "escape_markdown", "format_code", "format_label", "format_size", "format_title", "render_html", "render_markdown",
+    "split_unit", "tabulate_distributions", "tabulate_paired_factors", "tabulate_rejections",
 ]  # fmt: skip
 
 
@@ -137,19 +138,70 @@ def describe_distribution(distribution: Distribution) -> str:
 
     >>> from scenetruth.dataset.distributions import UniformDistribution
     >>> describe_distribution(UniformDistribution(low=2, high=4, sampling="sobol"))
-    'uniform: low 2, high 4 (sobol)'
+    'uniform from 2 to 4 (Sobol sequence)'
+    >>> from scenetruth.dataset.distributions import ChoiceDistribution
+    >>> describe_distribution(ChoiceDistribution(values=[5, 7, 9], weights=[2, 2, 1]))
+    'one of 5 (40 %), 7 (40 %), 9 (20 %)'
     """
     entries = distribution.model_dump(mode="json", exclude_defaults=True)
     if isinstance(distribution, FormulaDistribution):
         return _cut(f"= {distribution.formula}" + (", rounded" if distribution.integer else ""))
     kind = str(getattr(distribution, "kind", "")).replace("_", " ")
-    values = ", ".join(
-        f"{name.replace('_', ' ')} {_value(entries[name])}" for name in entries if name not in _DESCRIBED_SEPARATELY
-    )
-    words = f"{kind}: {values}" if values else kind
+    words = _in_words(kind, entries)
+    if not words:
+        values = ", ".join(
+            f"{name.replace('_', ' ')} {_value(entries[name])}" for name in entries if name not in _DESCRIBED_SEPARATELY
+        )
+        words = f"{kind}: {values}" if values else kind
     if isinstance(distribution, RandomDistribution) and distribution.sampling != "independent":
-        words += f" ({distribution.sampling.replace('_', ' ')})"
+        words += f" ({_SAMPLING.get(distribution.sampling, distribution.sampling.replace('_', ' '))})"
     return _cut(words)
+
+
+_SAMPLING = {"sobol": "Sobol sequence", "latin_hypercube": "Latin hypercube"}
+_RANGES = {"uniform": "uniform", "log uniform": "log-uniform", "integers": "integers"}
+
+
+def _in_words(kind: str, entries: Mapping[str, Any]) -> str:
+    """Return the common distributions in words; empty for others."""
+    others = {*entries} - {*_DESCRIBED_SEPARATELY}
+    if kind in _RANGES and others == {"low", "high"}:
+        return f"{_RANGES[kind]} from {_value(entries['low'])} to {_value(entries['high'])}"
+    if kind == "normal" and others <= {"mean", "std", "low", "high"} and {"mean", "std"} <= others:
+        ends = [f"from {_value(entries['low'])}"] if "low" in others else []
+        ends += [f"to {_value(entries['high'])}"] if "high" in others else []
+        return f"normal with mean {_value(entries['mean'])} and standard deviation {_value(entries['std'])}" + (
+            f", cut {' '.join(ends)}" if ends else ""
+        )
+    if kind == "choice" and others <= {"values", "weights"}:
+        weights = entries.get("weights") or []
+        shares = [f" ({format_number(100 * one / sum(weights), 2)} %)" for one in weights] or [""] * len(
+            entries["values"]
+        )
+        return "one of " + ", ".join(map("".join, zip(_name_each(entries["values"]), shares, strict=True)))
+    return "random rotation, uniform over all orientations" if kind == "rotation" and not others else ""
+
+
+def _name_each(values: Sequence[Any]) -> list[str]:
+    """Return values in words; models of different types by their type alone."""
+    kinds = [value.get("kind") for value in values if isinstance(value, Mapping)]
+    if len(kinds) == len(values) and None not in kinds and len(set(kinds)) == len(kinds):
+        return [str(kind).replace("_", " ") for kind in kinds]
+    return [describe_value(value) for value in values]
+
+
+def describe_value(value: Any) -> str:
+    """Return a value in words: a model by its type and fields.
+
+    >>> describe_value({"kind": "ring", "radius_mm": 70, "direction": [0, 0, 1]}), describe_value(0.5)
+    ('ring (radius 70 mm, direction [0, 0, 1])', '0.5')
+    """
+    if not isinstance(value, Mapping):
+        return _value(value)
+    named = [(*split_unit(str(key)), entry) for key, entry in value.items() if key != "kind"]
+    rest = ", ".join(f"{name} {_value(entry)} {unit}".rstrip() for name, unit, entry in named)
+    kind = str(value.get("kind", "")).replace("_", " ")
+    return f"{kind} ({rest})" if kind and rest else kind or rest
 
 
 def describe_criterion(bound: AcceptanceCriterion) -> str:
@@ -246,7 +298,7 @@ class RawMarkdown(str):
 def render_html(template: str, **content: Any) -> str:
     """Return a rendered HTML page."""
     environment = _environment(autoescape=True)
-    return environment.get_template(template).render(content)
+    return define_terms(environment.get_template(template).render(content))
 
 
 def render_markdown(template: str, **content: Any) -> str:

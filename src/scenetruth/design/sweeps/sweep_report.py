@@ -21,6 +21,7 @@ from scenetruth.design.sweeps.plot_model import (
 )
 from scenetruth.design.sweeps.sweep_result import STATISTICS, Sweep, SweepRecord
 from scenetruth.html import COLOURS, render_page
+from scenetruth.number_format import UNDEFINED
 from scenetruth.output import write_atomically
 from scenetruth.scoring import get_units
 from scenetruth.scoring.quantities import get_title
@@ -195,6 +196,7 @@ def write_sweep_report(found: Sweep, folder: str | Path, again: str = "") -> Pat
         statistic=_STATISTIC,
         region=region,
         best=_find_best(found, region),
+        result=_state_result(found, region),
         best_columns=["quantity", "rmse", "95 %", "unit", "at", *(["method"] if len(found.methods) > 1 else [])],
         columns=[*found.factors, *_COLUMNS],
         lines=lines[:_MOST_LINES],
@@ -247,6 +249,18 @@ def _find_best(found: Sweep, region: str) -> list[list[str]]:
         method = [row.method] if len(found.methods) > 1 else []
         lines.append([get_title(quantity), _number(row.value), _interval(row), row.unit, scene + where, *method])
     return lines
+
+
+def _state_result(found: Sweep, region: str) -> str:
+    """Return the smallest error of the first quantity as a sentence."""
+    lines = _find_best(found, region)
+    if not lines:
+        return "No point of the sweep has a valid error."
+    title, number, interval, unit, where, *method = lines[0]
+    bars = f" (95 %: {interval})" if interval not in ("", UNDEFINED) else ""
+    by = f", with {method[0]}" if method else ""
+    name = f"{title[0].lower()}{title[1:]}"
+    return f"The smallest RMSE of {name} in the region {region} is {number} {unit}{bars}, at {where}{by}."
 
 
 def _lines(found: Sweep, region: str) -> list[list[str]]:

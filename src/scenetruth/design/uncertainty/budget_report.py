@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from scenetruth.design.uncertainty.simulation_runs import GROWTH
 from scenetruth.design.uncertainty.uncertainty_budget import unit_text
+from scenetruth.glossary import define_terms
 from scenetruth.html import Chart, HtmlCell, HtmlTable, plotly_script, script_json, template_environment
 from scenetruth.number_format import format_two_digits
 from scenetruth.output import write_atomically
@@ -214,6 +215,7 @@ _TEMPLATE = """{% extends "page_with_charts.html.j2" %}
 {% block title %}Uncertainty budget: {{ found.scene or found.method }}{% endblock %}
 {% block style %}
 tfoot td { color: var(--soft); }
+.answer { border-left: 4px solid var(--accent); padding: .1rem 0 .1rem .8rem; }
 .charts { grid-template-columns: 1fr; }
 .chart { min-height: 0; }
 {% endblock %}
@@ -221,13 +223,13 @@ tfoot td { color: var(--soft); }
 <h1>Uncertainty budget</h1>
 {% endblock %}
 {% block main %}
-<p>{{ found.scene }}{{ "." if found.scene }}
-Method: {{ found.method }}; {{ found.draws }} seed{{ "s" if found.draws > 1 }}; RMS over {{ place }}.</p>
-<ul>
 {% for line in words %}
-<li>{{ line }}</li>
+<p class="answer">{{ line }}</p>
+{% else %}
+<p>No quantity has a valid pixel in {{ place }}: a budget needs larger images, or another region.</p>
 {% endfor %}
-</ul>
+<p class="soft">{{ found.scene }}{{ "." if found.scene }}
+Method: {{ found.method }}; {{ found.draws }} seed{{ "s" if found.draws > 1 }}; RMS over {{ place }}.</p>
 {{ plots(waterfalls) }}
 <p>A contribution is the change of the estimate, pixel by pixel, when one source alone is switched on. Contributions are
 combined in quadrature; every bar extends from the root sum of squares before it to that with it. Errors with ideal
@@ -273,7 +275,7 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
                 ("all sources", "", "", "", "", format_two_digits(total.simulated), _share(total.valid_fraction).text),
             )
         ]
-        caption = f"{quantity.replace('_', ' ')}, {unit_text(total.unit)}"
+        caption = f"{_heading(quantity)}, {unit_text(total.unit)}"
         tables.append(HtmlTable(f"parts-{quantity}", caption, _COLUMNS, lines, foot=foot))
     waterfalls = make_waterfalls(found, region)
     text = environment.from_string(_TEMPLATE).render(
@@ -287,7 +289,7 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
     )
     path = folder / PAGE_NAME
     with write_atomically(path, overwrite=True) as partial:
-        partial.write_text(text, encoding="utf-8")
+        partial.write_text(define_terms(text), encoding="utf-8")
     return path
 
 

@@ -1,5 +1,12 @@
 """The report of an estimate: one HTML page with numbers, figures, definitions and provenance."""
 
+from scenetruth.scoring.report.hotspot_pictures import (
+    HotspotPicture,
+    draw_hotspot,
+    draw_hotspot_map,
+    show_errors,
+    stretch_grey,
+)
 from scenetruth.scoring.report.map_packing import (
     LEVELS,
     RELATIVE_ROUNDING,
@@ -11,6 +18,7 @@ from scenetruth.scoring.report.map_packing import (
 from scenetruth.scoring.report.report_content import (
     build_score_content,
     describe_maps,
+    state_result,
     summarise_estimate,
     summarise_score,
 )
@@ -18,7 +26,8 @@ from scenetruth.scoring.report.score_report import matches_fingerprint, write_re
 from scenetruth.scoring.report.viewer import Viewer, build_viewer
 
 __all__ = [
-    "LEVELS", "RELATIVE_ROUNDING", "PackedMap", "Viewer", "build_score_content", "build_viewer", "describe_maps",
-    "matches_fingerprint", "pack_map", "pack_viewer_images", "summarise_estimate", "summarise_score", "unpack_map",
+    "LEVELS", "RELATIVE_ROUNDING", "HotspotPicture", "PackedMap", "Viewer", "build_score_content", "build_viewer",
+    "describe_maps", "draw_hotspot", "draw_hotspot_map", "matches_fingerprint", "pack_map", "pack_viewer_images",
+    "show_errors", "state_result", "stretch_grey", "summarise_estimate", "summarise_score", "unpack_map",
     "write_report",
 ]  # fmt: skip

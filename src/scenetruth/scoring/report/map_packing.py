@@ -197,7 +197,7 @@ class ViewerImages:
     """The images of a page, beginning with the reference camera at the reference frame.
 
     ``cameras``, ``frames``: The cameras (s_y, s) and the frames t of the recording.
-    ``left_out``: Number of omitted images.
+    ``left_out``: Number of omitted images. ``reference``: Grey values of the first image.
     """
 
     shown: Sequence[PackedImage]
@@ -206,6 +206,7 @@ class ViewerImages:
     left_out: int
     units: str
     limits: tuple[float, float]
+    reference: NDArray[np.float64]
 
 
 def pack_viewer_images(recording: xr.Dataset, estimate: xr.Dataset, frame: int, step: int, budget: int) -> ViewerImages:
@@ -244,7 +245,8 @@ def pack_viewer_images(recording: xr.Dataset, estimate: xr.Dataset, frame: int, 
             break
         shown.append(PackedImage(row, camera, t, coarser, packed))
     units = "DN" if every.dtype.kind in "ui" else "1"
-    return ViewerImages(shown, cameras, frames, wanted - len(shown) + 1, units, limits)
+    left_out = wanted - len(shown) + 1
+    return ViewerImages(shown, cameras, frames, left_out, units, limits, reference.astype(np.float64))
 
 
 _MAIN_SHARE = 0.8

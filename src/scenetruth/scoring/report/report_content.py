@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.number_format import format_number, format_percent_value
+from scenetruth.number_format import UNDEFINED, format_number, format_percent_value
 from scenetruth.schema import read_intrinsics
 from scenetruth.scoring.alignment import check_estimate, count_blocks, iterate_blocks
 from scenetruth.scoring.common_statistics import COMMON_STATISTICS
@@ -27,6 +27,7 @@ from scenetruth.scoring.error_pairs import (
 from scenetruth.scoring.growth_rate import compute_growth_rate
 from scenetruth.scoring.quantities import ENDPOINT, OUTLIERS, QUANTITIES, get_title, get_units
 from scenetruth.scoring.regions import REGIONS
+from scenetruth.scoring.report.hotspot_pictures import HotspotPicture
 from scenetruth.scoring.report.viewer import Viewer
 from scenetruth.scoring.report.viewer_layers import ErrorHotspot
 from scenetruth.scoring.score_result import Score, select_summary_quantities
@@ -38,6 +39,7 @@ __all__ = [
     "SummarySentence",
     "build_score_content",
     "describe_maps",
+    "state_result",
     "summarise_estimate",
     "summarise_score",
 ]
@@ -266,7 +268,7 @@ Values = Mapping[str, float | int | None]
 
 @dataclass(frozen=True)
 class SummarySentence:
-    """One sentence of the summary: subject, main number and text; position and viewer layer of the largest errors."""
+    """One entry of the summary: subject, number and text; position, viewer layer and picture of the largest errors."""
 
     title: str
     figure: str
@@ -274,6 +276,7 @@ class SummarySentence:
     rest: str
     place: ErrorHotspot | None = None
     layer: str = ""
+    picture: HotspotPicture | None = None
 
     @property
     def where(self) -> str:
@@ -282,14 +285,44 @@ class SummarySentence:
             return ""
         side = f"{self.place.side_px:.0f}"
         return (
-            f"largest around x = {self.place.x:g}, y = {self.place.y:g} px "
-            f"({format_number(self.place.rmse)} {self.units} within {side} × {side} px)"
+            f"Largest errors of the map: {format_number(self.place.rmse)} {self.units} RMSE over {side} × {side} px, "
+            f"near x = {self.place.x:g} px, y = {self.place.y:g} px."
         )
+
+    @property
+    def legend(self) -> str:
+        """The meaning of the colours of the picture."""
+        if self.picture is None:
+            return ""
+        limit = f"{format_number(self.picture.limit, 2)} {self.units}"
+        colours = f"red: {limit} and more" if "epe" in self.layer or "endpoint" in self.layer else ""
+        colours = colours or f"blue: −{limit} and less; red: {limit} and more"
+        return f"Left: image. Right: error; {colours}; hatched: invalid. Square: largest error."
 
 
 def summarise_score(score: Score, viewer: Viewer) -> list[SummarySentence]:
     """Return one sentence each about depth, motion and growth, as available."""
     return [*_shape_sentence(score, viewer), *_motion_sentence(score, viewer), *_growth_sentence(score, viewer)]
+
+
+def state_result(sentences: Sequence[SummarySentence], method: str) -> str:
+    """Return the result as one sentence, for the beginning of the page; empty if no quantity has a number.
+
+    >>> depth = SummarySentence("Depth", "0.107", "mm", "RMSE in the interior.")
+    >>> state_result([depth, SummarySentence("Motion", "0.0336", "mm/frame", "RMSE.")], "refined")[:75]
+    'The method refined measures depth to 0.107 mm and motion to 0.0336 mm/frame'
+    """
+    found = [
+        f"{one.title[0].lower()}{one.title[1:]} to {one.figure} {one.units}"
+        for one in sentences
+        if one.figure != UNDEFINED
+    ]
+    if not found:
+        return ""
+    listed = " and ".join(filter(None, (", ".join(found[:-1]), found[-1])))
+    subject = f"The method {method}" if method else "The estimate"
+    verb = "measures" if method else "gives"
+    return f"{subject} {verb} {listed} (RMSE in the interior, relative to the exact ground truth)."
 
 
 def summarise_estimate(summaries: Mapping[str, MapSummary]) -> list[SummarySentence]:
@@ -330,7 +363,7 @@ def _shape_sentence(score: Score, viewer: Viewer) -> Iterator[SummarySentence]:
     spread = viewer.spread.get(name, 0.0)
     rms = values["rmse"]
     if spread and rms is not None:
-        varies = f"{format_percent_value(rms / spread)} % of the standard deviation of the true {name} there"
+        varies = f"{format_percent_value(rms / spread)} % of the standard deviation of the true {name}"
         signal += f"{' and ' if signal else ''}{varies}"
     title = {"depth": "Depth", "disparity": "Disparity", "normal": "Normal"}[name]
     yield _sentence(score, viewer, title, name, signal)
@@ -352,6 +385,7 @@ def _motion_sentence(score: Score, viewer: Viewer) -> Iterator[SummarySentence]:
             _tail(signal, worst),
             viewer.worst.get("flow"),
             "flow_endpoint:error",
+            viewer.pictures.get("flow"),
         )
 
 
@@ -374,13 +408,19 @@ def _sentence(
     rms = score.regions["interior"][name]["rmse"]
     place = shown or name
     return SummarySentence(
-        title, format_number(rms), units, _tail(signal, worst), viewer.worst.get(place), f"{place}:error"
+        title,
+        format_number(rms),
+        units,
+        _tail(signal, worst),
+        viewer.worst.get(place),
+        f"{place}:error",
+        viewer.pictures.get(place),
     )
 
 
 def _tail(signal: str, worst: str) -> str:
-    text = "RMSE in the interior"
-    return text + (f", {signal}" if signal else "") + (f"; among all regions, it is largest {worst}" if worst else "")
+    text = "RMSE in the interior" + (f", {signal}" if signal else "")
+    return f"{text}. Region with the largest RMSE: {worst}." if worst else f"{text}."
 
 
 def _signal(values: Values, name: str) -> str:
@@ -388,7 +428,7 @@ def _signal(values: Values, name: str) -> str:
     truth, relative = _true_rms(values), values.get("relative_rmse")
     if truth is None or relative is None:
         return ""
-    return f"{format_percent_value(relative)} % of the true value (RMS {format_number(truth)} {get_units(name)})"
+    return f"{format_percent_value(relative)} % of the true value of {format_number(truth)} {get_units(name)} (RMS)"
 
 
 def _true_rms(values: Values) -> float | None:
@@ -414,7 +454,7 @@ def _worst_region(errors: Mapping[str, float | None], units: str) -> str:
     if len(known) < 2:
         return ""
     region = max(known, key=lambda region: known[region])
-    return f"{_spell_length(region)} ({format_number(known[region])} {units})"
+    return f"{_spell_length(region)}, {format_number(known[region])} {units}"
 
 
 def _spell_length(region: str) -> str:

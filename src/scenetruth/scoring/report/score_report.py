@@ -13,6 +13,7 @@ from typing import Any
 import xarray as xr
 
 from scenetruth.errors import Problem, ScoreError
+from scenetruth.glossary import define_terms
 from scenetruth.html import template_environment
 from scenetruth.number_format import flatten, format_count, format_number, format_percent_value, humanise
 from scenetruth.plain_data import argument_problems
@@ -22,6 +23,7 @@ from scenetruth.scoring.figures import FigureInfo, plot_all
 from scenetruth.scoring.report.report_content import (
     build_score_content,
     describe_maps,
+    state_result,
     summarise_estimate,
     summarise_score,
 )
@@ -35,7 +37,7 @@ _SCREEN_SCALE = 0.6
 """CSS pixels per pixel of a figure."""
 _HEAD = 2000
 """Number of characters at the beginning of a page that contain the fingerprint."""
-_SHOWN_ELSEWHERE = ("warnings", "render_fallback_reason", "score_settings")
+_SHOWN_ELSEWHERE = ("warnings", "score_settings")
 
 
 def write_report(
@@ -65,8 +67,8 @@ def write_report(
     recording
         The recording of the estimate; its images are shown.
     score
-        The score; default: computed here. ``warnings`` (a list of texts) and ``render_fallback_reason`` of its
-        metadata are shown at the top, the remaining metadata in a table.
+        The score; default: computed here. ``warnings`` (a list of texts) of its metadata are shown at the top, the
+        remaining metadata in a table.
     output
         Output directory of ``report.html`` and ``figures/*.png``; created if missing.
     figures
@@ -198,9 +200,10 @@ def _render(
     environment.filters |= {"number": format_number, "percent": format_percent_value, "count": format_count}
     scene = read_scene(recording)
     metadata = recording.attrs if score is None else score.metadata
-    content = _content_without_truth(estimate) if score is None else _content_with_truth(score, viewer)
+    method = str(estimate.attrs.get("method", ""))
+    content = _content_without_truth(estimate) if score is None else _content_with_truth(score, viewer, method)
     template = "without_truth.html.j2" if score is None else "with_truth.html.j2"
-    return environment.get_template(template).render(
+    page = environment.get_template(template).render(
         made_of=made_of,
         name=(scene or {}).get("description"),
         notices=list(_notices(metadata)),
@@ -213,24 +216,26 @@ def _render(
         plotly_data=packed_plotly(),
         **content,
     )
+    return define_terms(page)
 
 
-def _content_with_truth(score: Score, viewer: Viewer) -> dict[str, Any]:
+def _content_with_truth(score: Score, viewer: Viewer, method: str) -> dict[str, Any]:
     """Return the template values of a score, without maps, figures and provenance."""
-    return {**build_score_content(score), "sentences": summarise_score(score, viewer)}
+    sentences = summarise_score(score, viewer)
+    return {**build_score_content(score), "sentences": sentences, "result": state_result(sentences, method)}
 
 
 def _content_without_truth(estimate: xr.Dataset) -> dict[str, Any]:
     """Return the template values of an estimate without truth, without maps, figures and provenance."""
     found = describe_maps(estimate)
-    return {"rows": list(found.values()), "sentences": summarise_estimate(found)}
+    # Growth is a small difference of large numbers: without a standard deviation, it may be noise.
+    cards = [one for name, one in found.items() if name != "growth_rate" or one.median_std is not None]
+    return {"rows": list(found.values()), "cards": cards, "sentences": summarise_estimate(found)}
 
 
 def _notices(metadata: Mapping[str, Any]) -> Iterator[str]:
     warnings = metadata.get("warnings") or []
     yield from ([warnings] if isinstance(warnings, str) else map(str, warnings))
-    if metadata.get("render_fallback_reason"):
-        yield f"Rendered with the fallback backend: {metadata['render_fallback_reason']}"
 
 
 def _metadata_rows(recording: xr.Dataset, estimate: xr.Dataset, score: Score | None) -> Iterator[tuple[str, str]]:
@@ -243,7 +248,8 @@ def _metadata_rows(recording: xr.Dataset, estimate: xr.Dataset, score: Score | N
     for key, value in read_intrinsics(estimate).to_attrs().items():
         yield humanise(key), flatten(value)
     # The metadata of a score may lack the recording; the attributes of the data sets are then used.
-    known = {key: recording.attrs[key] for key in ("scene_hash", "seed", "render_backend") if key in recording.attrs}
+    of_recording = ("scene_hash", "seed", "render_backend", "render_fallback_reason")
+    known = {key: recording.attrs[key] for key in of_recording if key in recording.attrs}
     known |= {key: estimate.attrs[key] for key in ("method",) if key in estimate.attrs}
     for key, value in {**known, **(score.metadata if score else {})}.items():
         if key not in _SHOWN_ELSEWHERE and value is not None:

@@ -7,20 +7,29 @@ import json
 import math
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from scenetruth.html import plotly_script
 from scenetruth.schema import read_intrinsics
 from scenetruth.scoring.alignment import align
 from scenetruth.scoring.error_pairs import compute_pixel_coordinates
+from scenetruth.scoring.quantities import ENDPOINT
+from scenetruth.scoring.report.hotspot_pictures import HotspotPicture, draw_hotspot
 from scenetruth.scoring.report.map_packing import RELATIVE_ROUNDING, MapPacker, ViewerImages, pack_viewer_images
-from scenetruth.scoring.report.viewer_layers import ErrorHotspot, build_layers, find_error_hotspots
+from scenetruth.scoring.report.viewer_layers import (
+    ErrorHotspot,
+    ViewerLayers,
+    build_layers,
+    collect_error_maps,
+    find_error_hotspots,
+)
 from scenetruth.scoring.score_result import Score
 from scenetruth.settings import ScoreSettings
 
@@ -53,7 +62,7 @@ def colour_tables() -> dict[str, str]:
     return tables
 
 
-_PARTS = ("unpack", "layers", "panels", "profile", "surface", "page")
+_PARTS = ("unpack", "layers", "panels", "profile", "surface", "copies", "page")
 """The parts of the viewer's script, in this order."""
 
 
@@ -84,7 +93,8 @@ _IMAGES = 1_100_000
 class Viewer:
     """The content of the viewer, and statistics computed with it for the reference frame, by key of `QUANTITIES`.
 
-    ``worst``: The largest errors. ``spread``: The standard deviation of the truth over the interior.
+    ``worst``: The largest errors. ``spread``: The standard deviation of the truth over the interior. ``pictures``:
+    Sections of image and errors around the largest errors.
     """
 
     plain: Mapping[str, Any]
@@ -92,6 +102,7 @@ class Viewer:
     worst: Mapping[str, ErrorHotspot]
     spread: Mapping[str, float]
     notes: Sequence[str]
+    pictures: Mapping[str, HotspotPicture] = field(default_factory=dict)
 
 
 def build_viewer(
@@ -157,10 +168,11 @@ def build_viewer(
     }  # fmt: skip
     first = {name: layers for (name, t), layers in gathered.layers.items() if t == frame}
     interior = gathered.interior.get(frame)
+    worst = find_error_hotspots(first, x, y)
     return Viewer(
         plain=plain,
         frame=frame,
-        worst=find_error_hotspots(first, x, y),
+        worst=worst,
         spread={
             name: float(np.std(values))
             for name, layers in first.items()
@@ -169,7 +181,27 @@ def build_viewer(
             if values.size
         },
         notes=list(_notes(step, gathered, images)),
+        pictures=dict(_pictures(images.reference, first, worst, x, y)),
     )
+
+
+def _pictures(
+    image: NDArray[np.float64],
+    layers: Mapping[str, ViewerLayers],
+    worst: Mapping[str, ErrorHotspot],
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+) -> Iterator[tuple[str, HotspotPicture]]:
+    """Yield the pictures of the largest errors; images may be smaller than maps."""
+    for name, errors in collect_error_maps(layers):
+        place = worst.get(name)
+        if name in _PICTURED and place is not None and errors.shape == image.shape:
+            row, column = int(np.argmin(np.abs(y - place.y))), int(np.argmin(np.abs(x - place.x)))
+            yield name, draw_hotspot(image, errors, row, column)
+
+
+_PICTURED = ("depth", "disparity", "normal", ENDPOINT, "flow", "growth_rate", "growth_rate_windowed")
+"""Quantities of the summary, whose largest errors have a picture."""
 
 
 def _notes(step: int, gathered: MapPacker, images: ViewerImages) -> Iterator[str]:

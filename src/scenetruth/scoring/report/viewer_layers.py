@@ -30,6 +30,7 @@ __all__ = [
     "ViewerLayers",
     "build_layers",
     "choose_scale",
+    "collect_error_maps",
     "compute_display_ranges",
     "find_error_hotspots",
     "value_limits",
@@ -296,11 +297,11 @@ class ErrorHotspot:
 
 def find_error_hotspots(layers: Mapping[str, ViewerLayers], x: Map, y: Map) -> dict[str, ErrorHotspot]:
     """Return the square with the largest errors of each quantity, from columns ``x`` and rows ``y`` of the maps."""
-    found = {name: _worst(errors, x, y) for name, errors in _errors(layers)}
+    found = {name: _worst(errors, x, y) for name, errors in collect_error_maps(layers)}
     return {name: place for name, place in found.items() if place is not None}
 
 
-def _errors(layers: Mapping[str, ViewerLayers]) -> Iterator[tuple[str, Map]]:
+def collect_error_maps(layers: Mapping[str, ViewerLayers]) -> Iterator[tuple[str, Map]]:
     """Yield the error maps, and the endpoint errors of vectors."""
     for name, one in layers.items():
         if "error" in one.maps:

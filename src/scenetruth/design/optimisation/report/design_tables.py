@@ -66,11 +66,11 @@ def build_front_table(design: DesignResult) -> HtmlTable:
     """Return the table of the front and the alternatives, one row per rig."""
     parameters = list(design.recommended.parameters)
     columns = ["rig", "on the front"]
+    statistics = ", ".join(dict.fromkeys(objective.statistic_title for objective in design.objectives))
     rigs, first = design.rigs, {rig.number for rig in design.front}
     for objective in design.objectives:
-        of = f"{objective.title}, {objective.unit}"
         columns += [
-            f"{of}: predicted {objective.statistic_title}",
+            f"{objective.title}: predicted, {objective.unit}",
             "simulated",
             "95 %",
             *_OTHER[objective.statistic].values(),
@@ -100,7 +100,7 @@ def build_front_table(design: DesignResult) -> HtmlTable:
         lines.append([*line, HtmlCell(file.name, float(rig.number), file.address, file.name)])
     return HtmlTable(
         "front",
-        "Pareto front (non-dominated rigs by prediction) and alternatives",
+        f"Pareto front (non-dominated rigs by prediction) and alternatives; {statistics}",
         columns,
         lines,
         marked,

@@ -144,6 +144,7 @@ function start() {
       zoom(4, cursor.x, cursor.y);
       Object.assign(view, {x: cursor.x - data.width / 8, y: cursor.y - data.height / 8});
       keepInside();
+      panels.forEach(stretch);
       profile.group = layers.get(id).group.name;
       along.value = profile.group;
       profileHere();
@@ -154,6 +155,8 @@ function start() {
   window.addEventListener("scroll", () => { lastScroll = performance.now(); }, {passive: true});
   new ResizeObserver(refresh).observe(byId("panels"));
   prepareSurface();
+  addProfileTools();
+  addSurfaceTools();
   return again();
 }
 

@@ -63,6 +63,7 @@ function makePanel(number) {
   again.addEventListener("click", () => { limits.set(panel.layer.scale, [...firstLimits.get(panel.layer.scale)]); refresh(); });
   table.addEventListener("change", () => { colours.set(panel.layer.scale, table.value); refresh(); });
   listen(panel);
+  addPanelTools(panel);
   return panel;
 }
 
@@ -126,6 +127,22 @@ function paintRamp(panel) {
     if (document.activeElement !== input) input.value = Number(value.toPrecision(4));
   }
   panel.table.value = colours.get(layer.scale);
+}
+
+// Limits of images, estimates and truths of the values that are in view: differences there become visible.
+function stretch(panel) {
+  const {layer, field: one} = panel;
+  if (one === null || !["image", "estimate", "truth"].includes(layer.what)) return;
+  const seen = [];
+  for (let y = Math.ceil(view.y / one.step); y < one.height && y * one.step < view.y + data.height / view.scale; y++) {
+    for (let x = Math.ceil(view.x / one.step); x < one.width && x * one.step < view.x + data.width / view.scale; x++) {
+      const value = one.values[y * one.width + x];
+      if (Number.isFinite(value)) seen.push(value);
+    }
+  }
+  seen.sort((a, b) => a - b);
+  const low = seen[Math.floor(0.02 * (seen.length - 1))], high = seen[Math.ceil(0.98 * (seen.length - 1))];
+  if (low < high) limits.set(layer.scale, [low, high]);
 }
 
 function outlineOf(region) {

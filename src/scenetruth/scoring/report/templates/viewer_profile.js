@@ -123,6 +123,7 @@ async function drawProfile() {
     const around = std && !group.length_of ? [spread(error, () => 0)] : [];
     text += chart((group.length_of ? "Length of the error" : "Error, estimate − truth") + units, width, narrow ? 180 : 200, range, [{name: "error", points: error}], around, 0);
   }
+  profileLines = Object.entries({estimate, truth, error, "standard deviation": std, value}).filter(([, points]) => points);
   host.innerHTML = text;
   byId("profile-key").hidden = false;
   for (const [name, there] of [["estimate", estimate || value], ["truth", truth], ["error", error], ["band", std]]) byId("key-" + name).hidden = !there;
