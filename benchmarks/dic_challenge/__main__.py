@@ -1,0 +1,191 @@
+"""Star 5 of the DIC Challenge 2.0 by all methods and programs: ``python -m benchmarks.dic_challenge [NAME...]``.
+
+Rows of displacements are kept in FOLDER/rows, one file for each setting and pair of images; those that are there are
+reused, so that a run that is cut short resumes. The table of FOLDER/dic_challenge.csv and the printed one are made of
+the rows that are there. Environments of the programs: ``python -m benchmarks.peers.setup``; images come with pyvale.
+Images are cut to the 81 rows around the centre row, which is all that is evaluated.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+import time
+import warnings
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from benchmarks.dic_challenge.images import (
+    BAND_PX,
+    PAIRS,
+    band_of,
+    given_pair,
+    images_at_rest,
+    recording_of,
+    rendered_pair,
+)
+from benchmarks.dic_challenge.methods import PROGRAM, SETTINGS, Setting, displacement, rows_of_program
+from benchmarks.dic_challenge.rules import AMPLITUDE_PX, PUBLISHED, evaluate, mean_of_lowest, periods_px
+from benchmarks.jobs import heading, line
+from benchmarks.peers.catalogue import python_of
+from benchmarks.peers.setup import FOLDER as PEERS_FOLDER
+
+import scenetruth as st
+from scenetruth.output import write_atomically
+
+FOLDER = Path("outputs/results/dic_challenge")
+SOURCES = ("given", "rendered")
+
+
+def images_of(pair: str, folder: Path, data: Path) -> Path:
+    """Return the file of both images of a pair, and make it if it is not there."""
+    file = folder / "images" / f"{pair}.npy"
+    if file.exists():
+        return file
+    file.parent.mkdir(parents=True, exist_ok=True)
+    at_rest = pair.endswith("at_rest")
+    if pair.startswith("rendered"):
+        first, second, truth = rendered_pair(at_rest=at_rest)
+        np.save(file.with_name(f"{pair}_truth.npy"), truth)
+    else:
+        first, second = given_pair(data)
+        first, second = images_at_rest(first) if at_rest else (first, second)
+    with write_atomically(file, overwrite=True) as aside, aside.open("wb") as opened:
+        np.save(opened, np.stack([band_of(first), band_of(second)]).astype(np.uint8))
+    return file
+
+
+def measure(chosen: Sequence[Setting], pairs: Sequence[str], folder: Path, data: Path, peers: Path) -> None:
+    """Measure the rows that are missing."""
+    (folder / "rows").mkdir(parents=True, exist_ok=True)
+    missing = [(one, pair, row_file(folder, one, pair)) for one in chosen for pair in pairs]
+    missing = [job for job in missing if not job[2].exists()]
+    for setting, pair, file in missing:
+        if setting.group == PROGRAM:
+            continue
+        first, second = np.load(images_of(pair, folder, data)).astype(np.float64)
+        started = time.process_time()
+        row = displacement(setting, first, second)
+        with write_atomically(file, overwrite=True) as aside, aside.open("wb") as opened:
+            np.save(opened, row)
+        print(f"{file.stem}: {time.process_time() - started:.1f} s", file=sys.stderr, flush=True)
+    for program in dict.fromkeys(one.method for one, _, _ in missing if one.group == PROGRAM):
+        jobs = [(one, images_of(pair, folder, data), file) for one, pair, file in missing if one.method == program]
+        said = rows_of_program(program, jobs, peers)
+        failed = [file.stem for _, _, file in jobs if not file.exists()]
+        if failed:
+            print(f"{program}: nothing found for {', '.join(failed)}: {said[-1500:]}", file=sys.stderr, flush=True)
+
+
+def row_file(folder: Path, setting: Setting, pair: str) -> Path:
+    """Return the file of a row."""
+    return folder / "rows" / f"{setting.key}_{pair}.npy"
+
+
+def table(folder: Path) -> list[dict[str, Any]]:
+    """Return the results of all settings whose rows are there."""
+    rows = []
+    for source in SOURCES:
+        for setting in SETTINGS.values():
+            files = [row_file(folder, setting, pair) for pair in (source, f"{source}_at_rest")]
+            if not all(file.exists() for file in files):
+                continue
+            moving, at_rest = (np.load(file) for file in files)
+            found = evaluate(moving, at_rest)
+            row = {"images": source, "method": setting.code, "group": setting.group, "size_px": setting.size_px}
+            rows.append({**row, **asdict(found), "mei_px2": found.mei})
+    return rows
+
+
+def main() -> None:
+    """Measure what is missing, write the table, and print one value per method beside the published values."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="only settings whose names contain one of these")
+    parser.add_argument("--folder", type=Path, default=FOLDER, help=f"results ({FOLDER})")
+    parser.add_argument("--peers", type=Path, default=PEERS_FOLDER, help=f"environments ({PEERS_FOLDER})")
+    parser.add_argument("--data", type=Path, help="folder of the challenge's images; default: that of pyvale")
+    parser.add_argument("--pair", action="append", choices=PAIRS, help="only these images; repeatable")
+    parser.add_argument("--table", action="store_true", help="measure nothing: make the table of what is there")
+    parser.add_argument("--field", action="store_true", help="compare the whole band with the analytic field instead")
+    given = parser.parse_args()
+    warnings.simplefilter("ignore")
+    if given.field:
+        print(heading(("images", "periods, px", "measured over analytic", "rms of the rest, px", "same at rest, px")))
+        for cells in field_rows(given.folder, given.data or data_of_pyvale(given.peers)):
+            print(line(cells))
+        return
+    if not given.table:
+        chosen = [one for key, one in SETTINGS.items() if not given.names or any(part in key for part in given.names)]
+        measure(chosen, given.pair or PAIRS, given.folder, given.data or data_of_pyvale(given.peers), given.peers)
+    rows = table(given.folder)
+    with write_atomically(given.folder / "dic_challenge.csv", overwrite=True) as aside, aside.open("w") as opened:
+        writer = csv.DictWriter(opened, rows[0].keys() if rows else ["images"], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows({key: _short(value) for key, value in row.items()} for row in rows)
+    print(heading(("images", "method", "settings", "MEI of displacement, px²", "lowest", "range of periods, px")))
+    for cells in summary(rows):
+        print(line(cells))
+    for quantity, (count, *values) in PUBLISHED.items():
+        print(f"published, {quantity}, {count} codes: best {values[0]}, median {values[1]}, worst {values[2]}")
+
+
+def field_rows(folder: Path, data: Path) -> list[list[str]]:
+    """Return the slope of the measured over the analytic displacement in the whole band, and what it leaves.
+
+    The structure tensor with its smallest window loses least; the rest is noise if the images have the analytic field.
+    """
+    setting, cells = SETTINGS["structure_tensor_3"], []
+    for source in SOURCES:
+        maps = []
+        for pair in (source, f"{source}_at_rest"):
+            first, second = np.load(images_of(pair, folder, data)).astype(np.float64)
+            found = st.estimate(recording_of(first, second), setting.method, setting.settings).sel(t=0)
+            flow = found["flow"].isel(image_component=1).values
+            maps.append(np.where(found["status"].values == 2, flow, np.nan))
+        rows, columns = np.indices(maps[0].shape)
+        periods = periods_px(columns.astype(np.float64))
+        exact = AMPLITUDE_PX * np.cos(2 * np.pi * (rows - BAND_PX) / periods)
+        for low, high in ((40, 80), (80, 160), (160, 300)):
+            inside = (periods >= low) & (periods < high) & np.isfinite(maps[0]) & np.isfinite(maps[1])
+            slope = float(np.sum(maps[0][inside] * exact[inside]) / np.sum(exact[inside] ** 2))
+            rest = (maps[0] - slope * exact)[inside].std()
+            cells.append([source, f"{low} to {high}", f"{slope:.3f}", f"{rest:.4f}", f"{maps[1][inside].std():.4f}"])
+    return cells
+
+
+def summary(rows: Sequence[dict[str, Any]]) -> list[list[str]]:
+    """Return a line per source and method, those with the lowest MEI first."""
+    lines = []
+    for source, code in dict.fromkeys((row["images"], row["method"]) for row in rows):
+        own = [row for row in rows if (row["images"], row["method"]) == (source, code)]
+        values = [row["mei_px2"] for row in own if np.isfinite(row["mei_px2"]) and row["mei_px2"] > 0]
+        periods = [row["first_px"] for row in own if np.isfinite(row["first_px"])]
+        reach = f"{min(periods):.0f} to {max(periods):.0f}" if periods else ""
+        mean, least = mean_of_lowest(values), min(values, default=float("nan"))
+        lines.append(
+            (SOURCES.index(source), mean if np.isfinite(mean) else least + 1e3, source, code, own, least, reach)
+        )
+    return [
+        [source, code, str(len(own)), f"{mean:.3f}" if mean < 1e3 else "", f"{least:.3f}", reach]
+        for _, mean, source, code, own, least, reach in sorted(lines, key=lambda each: each[:2])
+    ]
+
+
+def data_of_pyvale(peers: Path) -> Path:
+    """Return the folder of the challenge's images in the environment of pyvale."""
+    found = sorted(python_of(peers, "pyvale").parents[1].glob("lib/python*/site-packages/pyvale/data/dic/challenge"))
+    if not found:
+        raise SystemExit("the images come with pyvale: run python -m benchmarks.peers.setup pyvale, or give --data")
+    return found[0]
+
+
+def _short(value: Any) -> Any:
+    return f"{value:.6g}" if isinstance(value, float) else value
+
+
+if __name__ == "__main__":
+    main()
