@@ -130,17 +130,22 @@ def summary(results: Results) -> str:
     best = results.best_losses
     compared = [value for value in results.values if _is_compared(results, value)]
     counts = []
-    for name, of_gallery in (("benchmark cases", False), ("comparisons on complete scenes", True)):
-        total = [value for value in compared if (value.case == GALLERY) is of_gallery]
-        lost = best[(best["case"] == GALLERY) == of_gallery]
+    groups = (
+        ("benchmark cases", lambda case, column: case != GALLERY and column != "bad_percent"),
+        ("cases by bad pixels", lambda case, column: column == "bad_percent"),
+        ("errors on complete scenes", lambda case, column: case == GALLERY),
+    )
+    for name, of_group in groups:
+        total = [value for value in compared if of_group(value.case, value.column)]
+        lost = [one for one in zip(best["case"], best["statistic"], strict=True) if of_group(*one)]
         if total:
             counts.append(f"{len(lost)} of {len(total)} {name}")
     whole = best[~(best["value"] >= best["refined_all_images_value"])]
     programs = [one for one in results.methods if one.group != BUILT_IN]
     date = max(one.date for one in results.methods)
     lines = [
-        f"On the same images, another program is more accurate than the built-in method `refined` in "
-        f"{' and in '.join(counts)}; with all images of the recording instead of four, `refined` is less accurate in "
+        f"On the same images, at least one other program is more accurate than the built-in method `refined` in "
+        f"{', '.join(counts)}; with all images of the recording instead of four, `refined` is less accurate in "
         f"{len(whole)} of these {len(best)}.",
         f"{len(results.methods)} rows: {len(results.methods) - len(programs)} of built-in methods, {len(programs)} of "
         f"other programs. Measured on {date}.",

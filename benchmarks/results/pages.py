@@ -50,12 +50,15 @@ def with_fragments(text: str, results: Results, fragments: Mapping[str, Callable
     fragments
         What makes each fragment.
 
-    Raises
-    ------
-    KeyError
-        If a fragment has an unknown name.
+    Notes
+    -----
+    Fragments of other names stay as they are: other programs write them.
     """
-    return _FRAGMENT.sub(lambda found: f"{found[1]}\n{fragments[found[2]](results)}\n\n{found[3]}", text)
+
+    def made(found: re.Match[str]) -> str:
+        return f"{found[1]}\n{fragments[found[2]](results)}\n\n{found[3]}" if found[2] in fragments else found[0]
+
+    return _FRAGMENT.sub(made, text)
 
 
 def fragments_of(text: str) -> list[str]:
