@@ -4,7 +4,7 @@ PYTHON_BIN := .venv/bin
 PATH ?= /usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin
 export PATH
 
-.PHONY: help setup demo test accuracy nightly browser bench docs gallery lint format clean
+.PHONY: help setup demo test accuracy nightly browser bench results docs gallery lint format clean
 
 help:
 	@echo "make demo    environment, then the noise cube: render, estimate, score, report (outputs/cube/report.html)"
@@ -13,6 +13,7 @@ help:
 	@echo "make nightly environment, then 10,000 broken scene files, 1,000 stores, 250 killed runs, 300 flipped bits, 1000 simulations; two hours"
 	@echo "make browser environment, chromium and playwright, then the pages in a headless browser"
 	@echo "make bench   environment, then the benchmarks"
+	@echo "make results environment and programs of others, then all methods over the suite: docs/results (resumable)"
 	@echo "make docs    environment and Sphinx, then the site in outputs/site: warnings and dead links are errors"
 	@echo "make gallery environment, then the pictures of all scenes (docs/reference/scene_gallery.md) and of the README"
 	@echo "make format  environment, then the formatter"
@@ -51,6 +52,11 @@ browser: setup
 
 bench: setup
 	$(PYTHON_BIN)/python -m pytest benchmarks --benchmark-only
+
+# Methods and programs on the benchmark suite, the gallery and the same four images: data and tables of docs/results.
+results: setup
+	$(PYTHON_BIN)/python -m pip install -q --disable-pip-version-check -e '.[opencv]'
+	$(PYTHON_BIN)/python -m benchmarks.results
 
 # What is kept between builds lies beside the site: pages that did not change, and the results of notebooks. Pages with
 # warnings are read again: what has failed fails until it is mended.

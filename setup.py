@@ -1,4 +1,4 @@
-"""Puts the scenes, the glossary and the script of plotly into the package when it is built; all else: pyproject.toml."""
+"""Puts the scenes, the glossary and the script of plotly into the package when it is built."""
 
 from __future__ import annotations
 

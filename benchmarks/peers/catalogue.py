@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["HERE", "PEERS", "Peer", "command_of", "python_of"]
+__all__ = ["HERE", "PEERS", "Peer", "command_of", "python_of", "requirements_of", "words_of"]
 
 HERE = Path(__file__).parent
 
@@ -53,8 +53,28 @@ def python_of(folder: Path, environment: str) -> Path:
     return folder.absolute() / "env" / environment / "bin" / "python"
 
 
+def requirements_of(environment: str) -> tuple[str, str]:
+    """Return name and version of the program of an environment, and the text of all its requirements."""
+    text = (HERE / "requirements" / f"{environment}.txt").read_text(encoding="utf-8")
+    wanted = environment.replace("_", "-").lower()
+    for line in text.splitlines():
+        name, _, number = line.partition("==")
+        if name.lower().replace("_", "-") == wanted:
+            return f"{name} {number}", text
+    raise LookupError(f"{environment}: its requirements do not name it")
+
+
+def words_of(folder: Path, name: str, options: Sequence[str] = ()) -> list[str]:
+    """Return the command of a peer as words, without the folders of recording and output."""
+    peer = PEERS[name]
+    return [
+        str(python_of(folder, peer.environment)),
+        str(HERE / "programs" / f"{peer.program}.py"),
+        *peer.options,
+        *options,
+    ]
+
+
 def command_of(folder: Path, name: str, options: Sequence[str] = ()) -> str:
     """Return the command of a peer, with places for the folders of recording and output."""
-    peer = PEERS[name]
-    words = [str(python_of(folder, peer.environment)), str(HERE / "programs" / f"{peer.program}.py")]
-    return shlex.join([*words, *peer.options, *options]) + " {recording} {output}"
+    return shlex.join(words_of(folder, name, options)) + " {recording} {output}"

@@ -12,10 +12,9 @@ import xarray as xr
 
 import scenetruth as st
 
-__all__ = ["refined_of_four", "refined_of_four_wide", "structure_tensor_of_four"]
+__all__ = ["refined_of_four", "structure_tensor_of_four"]
 
 WINDOW_SIGMA_PX = 8.0
-WIDE_SIGMA_PX = 16.0
 
 
 def structure_tensor_of_four(recording: xr.Dataset, window_sigma_px: float = WINDOW_SIGMA_PX) -> dict[str, Any]:
@@ -26,14 +25,6 @@ def structure_tensor_of_four(recording: xr.Dataset, window_sigma_px: float = WIN
 def refined_of_four(recording: xr.Dataset, window_sigma_px: float = WINDOW_SIGMA_PX) -> dict[str, Any]:
     """Return what the refined method finds in four images."""
     return _found(recording, "refined", window_sigma_px=window_sigma_px)
-
-
-def refined_of_four_wide(recording: xr.Dataset) -> dict[str, Any]:
-    """Return what the refined method finds in four images with a window of `WIDE_SIGMA_PX`.
-
-    The programs regularise their points or fit them by surfaces, which averages noise over more than one subset.
-    """
-    return _found(recording, "refined", window_sigma_px=WIDE_SIGMA_PX)
 
 
 def _found(recording: xr.Dataset, method: str, **settings: Any) -> dict[str, Any]:

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import resource
 import sys
 import time
+import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +29,7 @@ __all__ = [
     "between_points",
     "largest_box",
     "planar_maps",
+    "run_each",
     "save_images",
     "save_region",
     "seed_points",
@@ -227,14 +230,46 @@ def _box_sums(values: Map, side: int) -> Map:
 def arguments(description: str | None) -> argparse.ArgumentParser:
     """Return a parser of what all programs take."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("recording", help="folder of images and camera.json")
-    parser.add_argument("output", help="folder of results")
+    parser.add_argument("recording", nargs="?", help="folder of images and camera.json")
+    parser.add_argument("output", nargs="?", help="folder of results")
+    parser.add_argument("--batch", metavar="FILE", help="JSON list of [recording, output]: all in one process")
     parser.add_argument("--camera", type=int, metavar="S", help="the camera that is matched with the reference")
     parser.add_argument(
         "--region", metavar="FILE", help="array of the pixels to look at (.npy, not 0); all if not given"
     )
     parser.add_argument("--points", action="store_true", help="tell the peer's own points alone, nothing between them")
     return parser
+
+
+def run_each(parser: argparse.ArgumentParser, run: Callable[[argparse.Namespace], None]) -> None:
+    """Run on the recording, or on every recording of a batch.
+
+    In a batch, an error goes into ``further/error.txt`` of its output and the next recording follows; every output has
+    ``further/cost.json``: processor time in s, and the peak memory of the process so far in MB.
+    """
+    given = parser.parse_args()
+    if given.batch is None:
+        if given.output is None:
+            parser.error("needs RECORDING and OUTPUT, or --batch FILE")
+        run(given)
+        return
+    for recording, output in json.loads(Path(given.batch).read_text(encoding="utf-8")):
+        further = Path(output) / "further"
+        further.mkdir(parents=True, exist_ok=True)
+        started = _processor_s()
+        try:
+            run(argparse.Namespace(**{**vars(given), "recording": recording, "output": output}))
+        except (Exception, SystemExit):
+            (further / "error.txt").write_text(traceback.format_exc(limit=-2), encoding="utf-8")
+        users = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+        memory = max(resource.getrusage(who).ru_maxrss for who in users) / 1024
+        cost = {"processor_s": _processor_s() - started, "memory_mb": memory}
+        (further / "cost.json").write_text(json.dumps(cost), encoding="utf-8")
+
+
+def _processor_s() -> float:
+    both = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(one.ru_utime + one.ru_stime for one in both)
 
 
 def planar_maps(recording: Recording, given: argparse.Namespace, match: Match) -> dict[str, Map]:

@@ -7,13 +7,14 @@ the shift of the whole image from one camera to the other.
 
 from __future__ import annotations
 
+import argparse
 import os
 import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
-from folder import Recording, arguments, between_points, save_images, save_region, whole_shift, write_maps
+from folder import Recording, arguments, between_points, run_each, save_images, save_region, whole_shift, write_maps
 
 MARGIN_PX = 4
 
@@ -29,7 +30,11 @@ def main() -> None:
     parser.add_argument("--growth", type=int, metavar="N", help="growth of area over N x N points, N odd")
     parser.add_argument("--all", action="store_true", help="keep also what its own quality gates leave out")
     parser.add_argument("--local", action="store_true", help="without the global step")
-    given = parser.parse_args()
+    run_each(parser, _run)
+
+
+def _run(given: argparse.Namespace) -> None:
+    """Match, and write maps."""
     os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     from al_dic_3d.calibration import CameraIntrinsics, StereoRig, to_opencv_yaml
     from al_dic_3d.runner import RunConfig, run_pipeline

@@ -13,7 +13,18 @@ import time
 from functools import partial
 
 import numpy as np
-from folder import Map, Recording, Region, arguments, largest_box, planar_maps, seen_in_both, whole_shift, write_maps
+from folder import (
+    Map,
+    Recording,
+    Region,
+    arguments,
+    largest_box,
+    planar_maps,
+    run_each,
+    seen_in_both,
+    whole_shift,
+    write_maps,
+)
 
 # What it cuts out around the mesh, which must lie within both images.
 PAD_PX = 10
@@ -23,7 +34,11 @@ def main() -> None:
     """Match, and write maps."""
     parser = arguments(__doc__)
     parser.add_argument("--element", type=int, default=24, metavar="PX", help="side of an element")
-    given = parser.parse_args()
+    run_each(parser, _run)
+
+
+def _run(given: argparse.Namespace) -> None:
+    """Match, and write maps."""
     started, recording = time.perf_counter(), Recording(given.recording)
     maps = planar_maps(recording, given, partial(_matched, given))
     write_maps(given.output, "muDIC", maps, started)

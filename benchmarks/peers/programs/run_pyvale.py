@@ -26,6 +26,7 @@ from folder import (
     arguments,
     between_points,
     planar_maps,
+    run_each,
     seed_points,
     seen_in_both,
     whole_shift,
@@ -53,7 +54,11 @@ def main() -> None:
     parser.add_argument("--growth", type=int, metavar="N", help="growth of area over N x N points, in stereo")
     parser.add_argument("--share", type=float, default=0.25, help="of these points that must be there")
     parser.add_argument("--kernel", type=int, default=5, metavar="PX", help="Gaussian before matching; 1 for none")
-    given = parser.parse_args()
+    run_each(parser, _run)
+
+
+def _run(given: argparse.Namespace) -> None:
+    """Match, and write maps."""
     started, recording = time.perf_counter(), Recording(given.recording)
     if given.mode == "2d":
         maps = planar_maps(recording, given, partial(_planar, given))

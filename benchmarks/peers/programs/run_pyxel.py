@@ -14,7 +14,18 @@ import time
 from functools import partial
 
 import numpy as np
-from folder import Map, Recording, Region, arguments, largest_box, planar_maps, seen_in_both, whole_shift, write_maps
+from folder import (
+    Map,
+    Recording,
+    Region,
+    arguments,
+    largest_box,
+    planar_maps,
+    run_each,
+    seen_in_both,
+    whole_shift,
+    write_maps,
+)
 
 # How far the mesh stays within both images.
 MARGIN_PX = 3
@@ -25,7 +36,11 @@ def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--element", type=int, default=24, metavar="PX", help="side of an element")
     parser.add_argument("--rectangle", action="store_true", help="one rectangle, the largest within the region")
-    given = parser.parse_args()
+    run_each(parser, _run)
+
+
+def _run(given: argparse.Namespace) -> None:
+    """Match, and write maps."""
     started, recording = time.perf_counter(), Recording(given.recording)
     with open(os.devnull, "w") as nothing, contextlib.redirect_stdout(nothing):
         maps = planar_maps(recording, given, partial(_matched, given))

@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from folder import Map, Recording, Region, arguments, planar_maps, save_images, save_region, write_maps
+from folder import Map, Recording, Region, arguments, planar_maps, run_each, save_images, save_region, write_maps
 
 
 def main() -> None:
@@ -27,7 +27,11 @@ def main() -> None:
     parser.add_argument("--step", type=int, default=5, metavar="PX", help="distance of two subsets")
     parser.add_argument("--shape", choices=("Affine", "Quadratic"), default="Affine", help="shape function")
     parser.add_argument("--order", type=int, choices=(3, 5), default=5, help="of the splines")
-    given = parser.parse_args()
+    run_each(parser, _run)
+
+
+def _run(given: argparse.Namespace) -> None:
+    """Match, and write maps."""
     started, recording = time.perf_counter(), Recording(given.recording)
     maps = planar_maps(recording, given, partial(_matched, given))
     write_maps(given.output, "sun-dic", maps, started)

@@ -46,8 +46,10 @@ __all__ = [
     "add_noise",
     "hash_called_code",
     "ignore_scene_warnings",
+    "list_realisations",
     "measure",
     "read_error_maps",
+    "simulate_point",
     "write_error_maps",
 ]
 
@@ -185,20 +187,36 @@ class PointResult:
     maps: CaseErrorMaps | None = None
 
 
+def simulate_point(case: Case, point: DesignPoint, limits: Limits | None = None) -> tuple[xr.Dataset, xr.Dataset]:
+    """Return the recording without added noise, and the truth."""
+    with ignore_scene_warnings():
+        return simulate(point.scene(), truth_content=case.truth_content, limits=limits)
+
+
+def list_realisations(case: Case, point: DesignPoint, ideal: xr.Dataset) -> Iterator[tuple[int, xr.Dataset]]:
+    """Yield the seed and the recording of every noise realisation; the scene itself if its case adds no noise."""
+    noise_std = case.noise_std(point.values[0])
+    for seed in point.seeds if noise_std else (0,):
+        yield seed, add_noise(ideal, noise_std, case.kind, seed)
+
+
 def measure(
-    case: Case, point: DesignPoint, contestants: Sequence[MethodSpec], limits: Limits | None = None
+    case: Case,
+    point: DesignPoint,
+    contestants: Sequence[MethodSpec],
+    limits: Limits | None = None,
+    simulated: tuple[xr.Dataset, xr.Dataset] | None = None,
 ) -> PointResult:
-    """Simulate a scene, run all methods on the same images, and evaluate the estimates."""
+    """Simulate a scene, unless it was ``simulated``, run all methods on the same images, and evaluate the estimates."""
     measured = PointResult()
     first = point.values[0]
     noise_std = case.noise_std(first)
     with ignore_scene_warnings():
-        ideal, whole = simulate(point.scene(), truth_content=case.truth_content, limits=limits)
+        ideal, whole = simulate_point(case, point, limits) if simulated is None else simulated
         truth = whole.sel(t=[0])
         truth = truth.assign(seen_throughout=(("y", "x"), visible_throughout(whole)))
         found = []
-        for realisation, seed in enumerate(point.seeds if noise_std else (0,)):
-            recording = add_noise(ideal, noise_std, case.kind, seed)
+        for realisation, (seed, recording) in enumerate(list_realisations(case, point, ideal)):
             estimates = {}
             for one in contestants:
                 # A method may write to its images through C: the other methods must not see that.

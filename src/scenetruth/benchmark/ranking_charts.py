@@ -220,7 +220,7 @@ def _confidence(found: BenchmarkResult, case: Case, rows: Sequence[BenchmarkReco
         at = [k / 20 for k in range(61)]
         perfect = [math.erf(one / math.sqrt(2)) for one in at]
         style = {"color": "#444444", "dash": "longdash", "width": 1.5}
-        data.append({"name": "normal errors", "x": at, "y": perfect, "mode": "lines", "line": style})
+        data.append({"name": "Gaussian errors", "x": at, "y": perfect, "mode": "lines", "line": style})
     else:
         y = f"{y}, {get_units(quantity)}"
     layout = {

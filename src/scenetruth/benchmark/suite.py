@@ -11,7 +11,7 @@ from scenetruth.benchmark.benchmark_report import write_benchmark_report
 from scenetruth.benchmark.benchmark_result import BenchmarkResult
 from scenetruth.benchmark.benchmark_tasks import BenchmarkTask, list_design_points, measure_point, read_point_result
 from scenetruth.benchmark.cases.case import SUITES, BenchmarkRecord, Case, all_cases, select_cases
-from scenetruth.benchmark.design_point import add_noise, ignore_scene_warnings, read_error_maps
+from scenetruth.benchmark.design_point import list_realisations, read_error_maps, simulate_point
 from scenetruth.benchmark.error_statistics import compute_efficiency_records
 from scenetruth.errors import ArgumentError, EstimateError, Problem
 from scenetruth.estimators.external import recording_key, write_recording
@@ -24,7 +24,6 @@ from scenetruth.output import write_atomically
 from scenetruth.plain_data import seed_problems
 from scenetruth.progress import Progress, say
 from scenetruth.resources import Limits, refuse_beyond_limits
-from scenetruth.simulation import simulate
 
 __all__ = ["compare", "select_available_cases", "write_recordings"]
 
@@ -286,11 +285,8 @@ def write_recordings(
         if progress is not None:
             progress("recordings", done, len(points))
         case = all_cases()[point.case]
-        noise_std = case.noise_std(point.values[0])
-        with ignore_scene_warnings():
-            ideal = simulate(point.scene()).recording
-        for seed in point.seeds if noise_std else (0,):
-            recording = add_noise(ideal, noise_std, case.kind, seed)
+        ideal, _ = simulate_point(case, point)
+        for _, recording in list_realisations(case, point, ideal):
             place = Path(folder) / recording_key(recording)
             if not place.exists():
                 place.parent.mkdir(parents=True, exist_ok=True)

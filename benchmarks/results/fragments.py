@@ -1,0 +1,434 @@
+"""The fragments of the pages: sentences and tables in Markdown, made of the data only."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from benchmarks.results.comparison import (
+    ALL_IMAGES,
+    GALLERY,
+    SAME_IMAGES,
+    STATISTICS,
+    Value,
+    losses,
+    too_small_bars,
+    value_of,
+    values,
+)
+from benchmarks.results.contestants import BUILT_IN
+from benchmarks.results.data import MethodData, markdown, select, spelled
+
+from scenetruth.benchmark.cases.case import all_cases
+from scenetruth.scoring.quantities import get_title
+
+__all__ = ["FRAGMENTS", "Results"]
+
+_NOISE_LEVEL = "0.005"
+_OF_NOISE = {"waves_of_depth": "disparity", "waves_of_motion": "flow_y"}
+
+
+class Results:
+    """All data of the pages.
+
+    Parameters
+    ----------
+    methods
+        The methods.
+    four_images
+        Results on four images of full size.
+    """
+
+    def __init__(self, methods: Sequence[MethodData], four_images: pd.DataFrame) -> None:
+        self.methods = list(methods)
+        self.four_images = four_images
+        self.values = values(self.methods)
+        self.losses = losses(self.methods)
+        self.bars = too_small_bars(self.methods)
+        self.overview = pd.DataFrame([_overview(one) for one in self.methods])
+
+    def method(self, key: str) -> MethodData:
+        """Return a method by its key."""
+        return next(one for one in self.methods if one.key == key)
+
+    @property
+    def best_losses(self) -> pd.DataFrame:
+        """The most accurate program of every value in which one is ahead of the built-in method, the largest first."""
+        counted = self.losses[self.losses["counts"].astype(bool)]
+        order = counted.assign(order=counted["ratio"].fillna(0.0)).sort_values("order")
+        return order.drop_duplicates(["case", "scene", "quantity", "statistic"]).drop(columns="order")
+
+
+def _overview(one: MethodData) -> dict[str, Any]:
+    table = one.table
+    suite = table[(table["case"] != GALLERY) & (table["level"] != "")]
+    noise = {
+        name: _first(select(table, case="noise", level=_NOISE_LEVEL, quantity=name), "noise_std")
+        for name in ("disparity", "flow_y", "velocity_z")
+    }
+    period = {
+        case: _first(select(table, case=case, level="", quantity=_HEADLINES[case]), "period_at_10_percent_loss")
+        for case in _OF_NOISE
+    }
+    in_px = suite[suite["bad_percent"].notna()]
+    is_headline = [name == _px_quantity(case) for case, name in zip(in_px["case"], in_px["quantity"], strict=True)]
+    headline = in_px[np.array(is_headline, dtype=bool)]
+    stated = suite[suite["rms_z"].notna()]
+    return {
+        "method": one.title,
+        "images": one.images,
+        "disparity_noise_px": noise["disparity"],
+        "flow_y_noise_px": noise["flow_y"],
+        "velocity_z_noise_mm": noise["velocity_z"],
+        "period_of_depth_px": period["waves_of_depth"],
+        "period_of_motion_px": period["waves_of_motion"],
+        "noise_times_period_of_depth_px2": noise["disparity"] * period["waves_of_depth"],
+        "noise_times_period_of_motion_px2": noise["flow_y"] * period["waves_of_motion"],
+        "bad_percent": headline["bad_percent"].median(),
+        "rms_z": stated["rms_z"].median(),
+        "beyond_3_std_percent": stated["beyond_3_std_percent"].median(),
+        "processor_s": one.cost.get("processor_s", math.nan),
+        "memory_mb": one.cost.get("memory_mb", math.nan),
+        "jobs_without_result": len(one.failures) + len(one.missing),
+    }
+
+
+_HEADLINES = {case: all_cases()[case].headline[0] for case in _OF_NOISE}
+
+
+def _px_quantity(case: str) -> str:
+    quantity = all_cases()[case].headline[0]
+    if quantity in ("disparity", "flow_x", "flow_y"):
+        return quantity
+    return "disparity" if quantity == "depth" else "flow_x"
+
+
+def _first(frame: pd.DataFrame, column: str) -> float:
+    return float(frame[column].iloc[0]) if len(frame) else math.nan
+
+
+def _number(value: float, column: str) -> str:
+    if column == "period_at_10_percent_loss":
+        if math.isnan(value):
+            return "–"
+        if math.isinf(value):
+            return "not resolved"
+        return "shortest tested" if value == 0 else f"{value:.0f}"
+    return spelled(value)
+
+
+def _what(row: Mapping[str, Any]) -> str:
+    unit = f", {row['unit']}" if row["unit"] not in ("", "1") else ""
+    return f"{get_title(row['quantity'])}, {STATISTICS[row['statistic']]}{unit}"
+
+
+def summary(results: Results) -> str:
+    """Return the result in words."""
+    best = results.best_losses
+    compared = [value for value in results.values if _is_compared(results, value)]
+    counts = []
+    groups = (
+        ("benchmark cases", lambda case, column: case != GALLERY and column != "bad_percent"),
+        ("cases by bad pixels", lambda case, column: column == "bad_percent"),
+        ("errors on complete scenes", lambda case, column: case == GALLERY),
+    )
+    for name, of_group in groups:
+        total = [value for value in compared if of_group(value.case, value.column)]
+        lost = [one for one in zip(best["case"], best["statistic"], strict=True) if of_group(*one)]
+        if total:
+            counts.append(f"{len(lost)} of {len(total)} {name}")
+    whole = best[~(best["value"] >= best["refined_all_images_value"])]
+    programs = [one for one in results.methods if one.group != BUILT_IN]
+    date = max(one.date for one in results.methods)
+    lines = [
+        f"On the same images, at least one other program is more accurate than the built-in method `refined` in "
+        f"{', '.join(counts)}; with all images of the recording instead of four, `refined` is less accurate in "
+        f"{len(whole)} of these {len(best)}.",
+        f"{len(results.methods)} rows: {len(results.methods) - len(programs)} of built-in methods, {len(programs)} of "
+        f"other programs. Measured on {date}.",
+    ]
+    return "\n\n".join(lines)
+
+
+def _is_compared(results: Results, value: Value) -> bool:
+    others = [one for one in results.methods if one.group != BUILT_IN]
+    return any(not math.isnan(value_of(one, value)[0]) for one in others)
+
+
+def losses_table(results: Results) -> str:
+    """Return the benchmark cases in which a program is ahead."""
+    best = results.best_losses
+    return _loss_table(best[best["case"] != GALLERY], "benchmark case")
+
+
+def gallery_losses(results: Results) -> str:
+    """Return the complete scenes on which a program is ahead."""
+    best = results.best_losses
+    return _loss_table(best[best["case"] == GALLERY], "scene")
+
+
+def _loss_table(frame: pd.DataFrame, first: str) -> str:
+    if frame.empty:
+        return "None."
+    lines = []
+    for row in frame.to_dict("records"):
+        title = row["scene"] or all_cases()[row["case"]].title
+        own, whole = (row[f"refined_{name}value"] for name in ("4_", "all_images_"))
+        lines.append(
+            [
+                title,
+                _what(row),
+                f"**{row['program']}** {_number(row['value'], row['statistic'])}",
+                spelled(row["valid_percent"]),
+                _number(own, row["statistic"]),
+                spelled(row["refined_4_valid_percent"]),
+                _number(whole, row["statistic"]),
+            ]
+        )
+    columns = (
+        first,
+        "value",
+        "most accurate program",
+        "valid, %",
+        "`refined`, 4 images",
+        "valid, %",
+        "`refined`, all images",
+    )
+    return markdown(columns, lines)
+
+
+def cost_losses(results: Results) -> str:
+    """Return which programs take less time or memory than the built-in method."""
+    own = results.method(SAME_IMAGES).cost
+    whole = results.method(ALL_IMAGES).cost
+    lines = []
+    for name, column, unit in (("time", "processor_s", "s"), ("memory", "memory_mb", "MB")):
+        others = sorted(
+            (one.cost[column], one.title)
+            for one in results.methods
+            if one.group != BUILT_IN and one.cost.get(column, math.inf) < own.get(column, math.nan)
+        )
+        words = ", ".join(f"{title} ({spelled(value)} {unit})" for value, title in others)
+        few, many = (f"{spelled(one.get(column, math.nan))} {unit}" for one in (own, whole))
+        mine = f"`refined` takes {few} with 4 images and {many} with all"
+        lines.append(f"- **{name.capitalize()}**: {mine}. Less: {words or 'none'}.")
+    return "\n".join(lines)
+
+
+def bars_table(results: Results) -> str:
+    """Return the built-in methods whose error bars are too small, and where."""
+    frame = results.bars
+    if frame.empty:
+        return "None."
+    lines = []
+    for method, here in frame.groupby("method", sort=False):
+        total = select(results.overview, method=method)
+        worst = here.sort_values("beyond_3_std_percent", ascending=False)
+        places = ", ".join(
+            f"{row['level'] if row['case'] == GALLERY else all_cases()[row['case']].title.lower()} "
+            f"({spelled(row['beyond_3_std_percent'])} %)"
+            for row in worst.drop_duplicates(["case"] if (worst["case"] != GALLERY).all() else ["case", "level"])
+            .head(6)
+            .to_dict("records")
+        )
+        lines.append([str(method), spelled(float(total["rms_z"].iloc[0])), str(len(here)), places])
+    columns = ("method", "RMS of z, median over the suite", "levels with more than 1 % beyond 3σ", "largest fractions")
+    return markdown(columns, lines)
+
+
+def methods_table(results: Results) -> str:
+    """Return one line for each method."""
+    lines = []
+    for one, row in zip(results.methods, results.overview.to_dict("records"), strict=True):
+        name = f"[{one.title}]({one.link})" if one.link else one.title
+        lines.append(
+            [
+                f"{name}<br>{one.version}",
+                one.images,
+                *(spelled(row[column]) for column in ("disparity_noise_px", "flow_y_noise_px", "velocity_z_noise_mm")),
+                _number(row["period_of_depth_px"], "period_at_10_percent_loss"),
+                _number(row["period_of_motion_px"], "period_at_10_percent_loss"),
+                *(spelled(row[column]) for column in ("bad_percent", "rms_z", "beyond_3_std_percent", "processor_s")),
+                spelled(row["memory_mb"]),
+                str(row["jobs_without_result"]),
+            ]
+        )
+    columns = (
+        *(
+            "method",
+            "images",
+            "noise of disparity, px",
+            "of flow, px",
+            "of U_Z, mm",
+            "period of depth at 10 % loss, px",
+        ),
+        *("of motion, px", "bad pixels, %", "z, RMS", "beyond 3σ, %", "time, s", "memory, MB", "jobs without result"),
+    )
+    return markdown(columns, lines)
+
+
+def made(results: Results) -> str:
+    """Return when, where and with what all was measured."""
+    machines = ", ".join(dict.fromkeys(one.machine for one in results.methods))
+    minutes = sum(one.processor_s for one in results.methods) / 60
+    failures = [
+        f"- {one.title}: {'; '.join(f'`{job}`: {why}' for job, why in _grouped(one.failures).items())}"
+        for one in results.methods
+        if one.failures
+    ]
+    missing = [f"{one.title} {len(one.missing)}" for one in results.methods if one.missing]
+    if missing:
+        failures.insert(0, f"- Not measured yet (`make results` continues): {', '.join(missing)} jobs.")
+    lines = [
+        f"Processor: {machines}; one thread for each program. The suite and the gallery took {minutes:.0f} min of "
+        f"processor time. Jobs without a result:",
+        "\n".join(failures) or "none.",
+    ]
+    return "\n\n".join(lines)
+
+
+def _grouped(failures: Mapping[str, str]) -> dict[str, str]:
+    """Return jobs by reason, several jobs with commas between."""
+    found: dict[str, list[str]] = {}
+    for job, why in failures.items():
+        found.setdefault(_short(why), []).append(job)
+    return {"`, `".join(jobs): why for why, jobs in found.items()}
+
+
+def _short(why: str) -> str:
+    line = why.strip().splitlines()[0] if why.strip() else "no reason given"
+    return line.replace("|", "/").replace("<", "").replace(">", "")[:160]
+
+
+def cases_table(results: Results) -> str:
+    """Return the main value of every case for every method."""
+    return _table_of_values(results, [value for value in results.values if value.case != GALLERY], "case")
+
+
+def gallery_table(results: Results) -> str:
+    """Return the values of the scenes of the gallery for every method."""
+    return _table_of_values(results, [value for value in results.values if value.case == GALLERY], "scene")
+
+
+def _table_of_values(results: Results, wanted: Sequence[Value], first: str) -> str:
+    lines = []
+    for value in wanted:
+        row = {"unit": value.unit, "quantity": value.quantity, "statistic": value.column}
+        numbers = [value_of(one, value)[0] for one in results.methods]
+        known = [number for number in numbers if not math.isnan(number)]
+        best = min(known, default=math.nan)
+        cells = [
+            f"**{_number(number, value.column)}**" if number == best else _number(number, value.column)
+            for number in numbers
+        ]
+        lines.append([f"{value.title}: {_what(row)}", *cells])
+    return markdown((first, *(one.title for one in results.methods)), lines)
+
+
+def settings_table(results: Results) -> str:
+    """Return version, settings and images of every method."""
+    lines = [[one.title, one.version, one.how, one.images] for one in results.methods]
+    return markdown(("method", "version", "settings", "images"), lines)
+
+
+_NAMES = {
+    "pyvale": "pyvale",
+    "pyvale_stereo": "pyvale stereo",
+    "al_dic_3d": "al-dic-3d",
+    "sun_dic": "SUN-DIC",
+    "pyxel": "pyxel",
+    "mudic": "muDIC",
+    "opencv": "OpenCV",
+}
+_FOUR_QUANTITIES = {
+    "flow": "flow, px",
+    "disparity": "disparity, px",
+    "depth": "depth, mm",
+    "velocity_z": "U_Z, mm per frame",
+    "growth_rate": "growth rate, % per hour",
+}
+
+
+def four_images_cube(results: Results) -> str:
+    """Return the errors on the cube."""
+    return _four(results, ("cube",))
+
+
+def four_images_leaf(results: Results) -> str:
+    """Return the errors on the leaf."""
+    return _four(results, ("leaf", "leaf_anisotropic"))
+
+
+def _four(results: Results, scenes: Sequence[str]) -> str:
+    frame = results.four_images
+    frame = frame[frame["scene"].isin(scenes)]
+    columns = [name for name in _FOUR_QUANTITIES if (frame["quantity"] == name).any()]
+    smallest = {name: frame[frame["quantity"] == name]["rmse"].min() for name in columns}
+    lines = []
+    for job, here in frame.groupby("job", sort=False):
+        cells = []
+        for name in columns:
+            there = select(here, quantity=name)
+            if there.empty:
+                cells.append("")
+                continue
+            rmse, median = float(there["rmse"].iloc[0]), float(there["median_abs_error"].iloc[0])
+            pair = f"{spelled(rmse)} / {spelled(median)}"
+            cells.append(f"**{pair}**" if rmse == smallest[name] else pair)
+        lines.append([_title(str(job), here), *cells])
+    return markdown(("program, options", *(_FOUR_QUANTITIES[name] for name in columns)), lines)
+
+
+def _title(job: str, frame: pd.DataFrame) -> str:
+    peer, options, scene = (str(frame[name].iloc[0]) for name in ("method", "options", "scene"))
+    name = _NAMES.get(peer) or f"built-in: `{peer}`"
+    words = f", `{options}`" if options and options != "nan" else ""
+    return f"{name}{words}{', anisotropic growth' if scene == 'leaf_anisotropic' else ''}"
+
+
+def four_images_star(results: Results) -> str:
+    """Return resolution and noise on the star."""
+    frame = select(results.four_images, scene="star")
+    lines = [
+        [
+            _title(str(row["job"]), pd.DataFrame([row])),
+            f"{row['cutoff_period_first']:.0f}",
+            spelled(row["noise_std"]),
+            spelled(row["noise_std"] * row["cutoff_period_first"]),
+        ]
+        for row in frame.to_dict("records")
+    ]
+    return markdown(
+        ("program, options", "period at 10 % loss, px", "noise of a static pair, px", "product, px²"), lines
+    )
+
+
+def data_links(results: Results) -> str:
+    """Return links to the data of each method."""
+    lines = [
+        f"- {one.title}: [values](data/methods/{one.key}.csv), [conditions](data/methods/{one.key}.json)"
+        for one in results.methods
+    ]
+    return "\n".join(lines)
+
+
+FRAGMENTS: Mapping[str, Callable[[Results], str]] = {
+    "summary": summary,
+    "losses": losses_table,
+    "gallery-losses": gallery_losses,
+    "cost": cost_losses,
+    "error-bars": bars_table,
+    "methods": methods_table,
+    "made": made,
+    "cases": cases_table,
+    "gallery": gallery_table,
+    "settings": settings_table,
+    "cube": four_images_cube,
+    "leaf": four_images_leaf,
+    "star": four_images_star,
+    "data": data_links,
+}
+"""The text of each fragment, by its name in the pages."""

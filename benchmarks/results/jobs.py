@@ -1,0 +1,319 @@
+"""One job is a method on a case of the suite, or on a scene of the gallery; each leaves a file."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+from benchmarks.peers.catalogue import HERE, PEERS, requirements_of, words_of
+from benchmarks.results.contestants import PROGRAM, Contestant, version_of
+
+import scenetruth as st
+from scenetruth.benchmark.cases.case import BenchmarkRecord, Case, all_cases
+from scenetruth.benchmark.design_point import (
+    DesignPoint,
+    ignore_scene_warnings,
+    list_realisations,
+    measure,
+)
+from scenetruth.estimators import MethodSpec
+from scenetruth.estimators.external import ResultsFolder, recording_key, write_recording
+from scenetruth.jobs.results import ResultStore, compute_key
+from scenetruth.provenance import content_hash
+from scenetruth.simulation import simulate
+
+__all__ = [
+    "GALLERY_SIZE",
+    "ONE_THREAD",
+    "Job",
+    "list_jobs",
+    "measure_jobs",
+    "processor_name",
+    "run_batch",
+    "stored_cost",
+    "stored_rows",
+]
+
+GALLERY_SIZE = ("camera.width=288", "camera.height=192")
+"""Scenes of the gallery are the middle of their images."""
+TIMEOUT_S = 3600.0
+CHUNK = 8
+ONE_THREAD = {
+    "OMP_NUM_THREADS": "1",
+    "OMP_WAIT_POLICY": "PASSIVE",
+    "OPENBLAS_NUM_THREADS": "1",
+    "NUMBA_NUM_THREADS": "1",
+    "QT_QPA_PLATFORM": "offscreen",
+}
+_REMEDY = "run `make results` again"
+
+Simulated = tuple[xr.Dataset, xr.Dataset]
+
+
+@dataclass(frozen=True)
+class Job:
+    """A case with its levels, which every method measures.
+
+    Parameters
+    ----------
+    name
+        Name of its files: the case, or the case and the level.
+    case
+        The case.
+    points
+        Its scenes.
+    """
+
+    name: str
+    case: Case
+    points: tuple[DesignPoint, ...]
+
+    def scene(self, point: DesignPoint) -> st.Scene:
+        """Return the scene of a point."""
+        scene = point.scene()
+        return st.load_scene(scene.to_dict(), overrides=GALLERY_SIZE) if self.case.kind == "gallery" else scene
+
+    def simulate(self, point: DesignPoint) -> Simulated:
+        """Return the recording without added noise, and the truth."""
+        with ignore_scene_warnings():
+            recording, truth = simulate(self.scene(point), truth_content=self.case.truth_content)
+        return recording, truth
+
+
+def list_jobs(cases: Sequence[str] | None = None, levels: Sequence[str] | None = None) -> list[Job]:
+    """Return the jobs of each method: every case with the levels of ``core``, or else of ``full``.
+
+    Parameters
+    ----------
+    cases
+        Keys of cases; all if not given.
+    levels
+        Levels; those of the suite if not given.
+    """
+    found = []
+    for kind, case in all_cases().items():
+        if (cases and kind not in cases) or case.lacks():
+            continue
+        chosen = tuple(map(case.parse_level, levels)) if levels else case.values("core") or case.values("full")
+        seeds = tuple(range(case.seeds["core"]))
+        groups = [chosen] if case.one_scene else [(level,) for level in chosen]
+        points = [DesignPoint(kind, group, seeds) for group in groups]
+        if kind == "gallery":
+            found += [Job(f"{kind}/{point.name}", case, (point,)) for point in points]
+        else:
+            found.append(Job(kind, case, tuple(points)))
+    return found
+
+
+def measure_jobs(
+    jobs: Sequence[Job], contestants: Sequence[Contestant], folder: Path, peers: Path, *, fresh: bool = False
+) -> Iterator[tuple[str, str, float]]:
+    """Measure what is missing; yield job, method and processor time in s of each result as it is written.
+
+    Parameters
+    ----------
+    jobs
+        The jobs.
+    contestants
+        The methods.
+    folder
+        Folder of the results.
+    peers
+        Folder of the environments.
+    fresh
+        Measure all jobs again.
+    """
+    for chunk in _chunks(jobs):
+        simulated: dict[DesignPoint, Simulated] = {}
+        for one in contestants:
+            missing = [job for job in chunk if fresh or not _store(folder, one).is_done(_file(job), _key(job, one))]
+            if not missing:
+                continue
+            for job in missing:
+                simulated |= {point: job.simulate(point) for point in job.points if point not in simulated}
+            with tempfile.TemporaryDirectory(prefix="results-") as work:
+                started, spec, errors = _processor_s(), None, {}
+                if one.group == PROGRAM:
+                    spec, errors = _run_program(missing, one, simulated, peers, Path(work))
+                share = (_processor_s() - started) / len(missing)
+                for job in missing:
+                    started = _processor_s()
+                    values = _measured(job, one, spec or one.spec, simulated, errors)
+                    seconds = share + _processor_s() - started
+                    _store(folder, one).write(_file(job), _key(job, one), values | {"processor_s": seconds})
+                    yield job.name, one.key, seconds
+
+
+def _chunks(jobs: Sequence[Job]) -> Iterator[list[Job]]:
+    """Yield jobs whose recordings programs measure in one process, so that each starts a few times only."""
+    for size, of_gallery in ((CHUNK, False), (CHUNK - 1, True)):
+        alike = [job for job in jobs if (job.case.kind == "gallery") is of_gallery]
+        yield from (alike[first : first + size] for first in range(0, len(alike), size))
+
+
+def stored_rows(
+    jobs: Sequence[Job], contestant: Contestant, folder: Path
+) -> tuple[list[BenchmarkRecord], dict[str, str], list[str], list[dict[str, Any]]]:
+    """Return the records of a method, its failures by job, missing jobs, and what else its files hold.
+
+    Parameters
+    ----------
+    jobs
+        The jobs.
+    contestant
+        The method.
+    folder
+        Folder of the results.
+    """
+    rows: list[BenchmarkRecord] = []
+    failures: dict[str, str] = {}
+    others = []
+    missing: list[str] = []
+    for job in jobs:
+        values = _store(folder, contestant).find(_file(job), _key(job, contestant))
+        if values is None:
+            missing.append(job.name)
+            continue
+        here = [BenchmarkRecord.from_plain(row) for row in values["rows"]]
+        rows += [*here, *job.case.conclusions(here)]
+        if values["failures"]:
+            failures[job.name] = "; ".join(dict.fromkeys(values["failures"].values()))
+        others.append({name: values[name] for name in ("date", "machine", "version", "processor_s")})
+    return rows, failures, missing, others
+
+
+def stored_cost(
+    one: Contestant, folder: Path, measured: Callable[[], dict[str, float]], *, fresh: bool = False
+) -> dict[str, float]:
+    """Return time and memory of a method, measured unless they are there."""
+    key = compute_key({"format": 1, "method": _identity(one)})
+    store = _store(folder, one)
+    found = None if fresh else store.find("cost", key)
+    if found is None:
+        found = {"cost": measured()}
+        if found["cost"]:
+            store.write("cost", key, found)
+    return dict(found["cost"])
+
+
+def _measured(
+    job: Job,
+    one: Contestant,
+    spec: MethodSpec,
+    simulated: Mapping[DesignPoint, Simulated],
+    errors: Mapping[DesignPoint, str],
+) -> dict[str, Any]:
+    rows: list[BenchmarkRecord] = []
+    failures: dict[str, str] = {}
+    settled: list[str] = []
+    for point in job.points:
+        # Arithmetic on pixels without a result is not an error here.
+        with ignore_scene_warnings():
+            measured = measure(job.case, point, [spec], simulated=simulated[point])
+        rows += measured.rows
+        if measured.failures:
+            failures[point.name] = errors.get(point) or next(iter(measured.failures.values()))
+            # A program that rejects a recording will reject it again; one that did not start may start next time.
+            if one.group != PROGRAM or point in errors:
+                settled.append(point.name)
+    return {
+        "rows": [row.to_dict() for row in rows],
+        "failures": failures,
+        "settled": settled,
+        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "machine": processor_name(),
+        "version": version_of(one),
+    }
+
+
+def _run_program(
+    jobs: Sequence[Job], one: Contestant, simulated: Mapping[DesignPoint, Simulated], peers: Path, work: Path
+) -> tuple[MethodSpec, dict[DesignPoint, str]]:
+    """Run a program on all recordings of jobs, in one process; return its results as a method, and its errors."""
+    pairs, places = [], {}
+    for job in jobs:
+        for point in job.points:
+            for _, recording in list_realisations(job.case, point, simulated[point][0]):
+                key = recording_key(recording)
+                source, output = work / "recordings" / key, work / "results" / key
+                if not source.exists():
+                    source.parent.mkdir(exist_ok=True)
+                    write_recording(recording, source, "npy")
+                    output.mkdir(parents=True)
+                    pairs.append([str(source), str(output)])
+                places[point] = output
+    run_batch(words_of(peers, one.key), pairs, work)
+    errors = {
+        point: file.read_text(encoding="utf-8").strip().splitlines()[-1]
+        for point, output in places.items()
+        if (file := output / "further" / "error.txt").exists()
+    }
+    return MethodSpec(ResultsFolder(work / "results", one.key), label=one.key), errors
+
+
+def run_batch(words: Sequence[str], pairs: Sequence[Sequence[str]], work: Path) -> None:
+    """Run a program on pairs of a recording and an output."""
+    batch = work / "batch.json"
+    batch.write_text(json.dumps(pairs), encoding="utf-8")
+    ended = subprocess.run(
+        [*words, "--batch", str(batch)],
+        cwd=work,
+        env={**os.environ, **ONE_THREAD},
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        check=False,
+    )
+    if ended.returncode:
+        # What it has written counts; the other recordings have no result.
+        print(f"{words[1]}: exit code {ended.returncode}: {ended.stderr[-300:]}", file=sys.stderr, flush=True)
+
+
+def _store(folder: Path, one: Contestant) -> ResultStore:
+    return ResultStore(folder / "jobs" / one.key, _REMEDY)
+
+
+def _file(job: Job) -> str:
+    return job.name.replace("/", "_")
+
+
+def _key(job: Job, one: Contestant) -> str:
+    scenes = [
+        (point.values, point.seeds, job.scene(point).to_dict(), job.case.noise_std(point.values[0]))
+        for point in job.points
+    ]
+    return compute_key({"format": 1, "case": job.case.kind, "scenes": scenes, "method": _identity(one)})
+
+
+def _identity(one: Contestant) -> Any:
+    """Return all on which the results of a method depend."""
+    if one.group != PROGRAM:
+        return [one.spec.identity, version_of(one)]
+    programs = HERE / "programs"
+    code = [programs / "folder.py", programs / f"{PEERS[one.key].program}.py"]
+    requirements = requirements_of(PEERS[one.key].environment)[1]
+    return [requirements, [content_hash(file) for file in code], PEERS[one.key].options]
+
+
+def processor_name() -> str:
+    """Return the model of the processor."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
+
+
+def _processor_s() -> float:
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system

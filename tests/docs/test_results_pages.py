@@ -1,0 +1,216 @@
+"""The results pages hold what their data say; a method gets its row as its page describes."""
+
+from __future__ import annotations
+
+import math
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from benchmarks.results import __main__ as command
+from benchmarks.results.comparison import losses, value_of, values
+from benchmarks.results.contestants import BUILT_IN, CONTESTANTS, PROGRAM, submitted
+from benchmarks.results.data import (
+    COLUMNS,
+    MethodData,
+    read_methods_data,
+    spelled,
+    table_of,
+    write_method_data,
+)
+from benchmarks.results.fragments import FRAGMENTS
+from benchmarks.results.jobs import Job, list_jobs, measure_jobs, stored_rows
+from benchmarks.results.pages import PAGES, fragments_of, read_results, with_fragments, write_pages
+
+from scenetruth.benchmark.cases.case import ALL, BOUND, METHOD_VALID, BenchmarkRecord, all_cases
+from tests.helpers.nightly import nightly
+
+DOCS = Path(__file__).parents[2] / "docs"
+HOW_TO = (DOCS / "how_to" / "compare_methods.md").read_text(encoding="utf-8").partition("## Add a row")[2]
+
+
+def method(key: str, group: str, cells: list[tuple[Any, ...]]) -> MethodData:
+    """Return a method of which (case, level, quantity, rmse, valid_percent) are known."""
+    names = ["case", "level", "quantity", "rmse", "valid_percent"]
+    table = pd.DataFrame(cells, columns=names).reindex(columns=list(COLUMNS))
+    return MethodData(key, key, group, "4", "", "", "1", "2026-01-01", "a processor", 0.0, table=table)
+
+
+def test_pages_hold_what_the_data_say() -> None:
+    results = read_results(DOCS / "results")
+    assert len(results.methods) >= len(CONTESTANTS)
+    names: list[str] = []
+    for name in PAGES:
+        text = (DOCS / "results" / name).read_text(encoding="utf-8")
+        names += fragments_of(text)
+        assert with_fragments(text, results) == text, f"{name}: run `python -m benchmarks.results --pages`"
+    assert set(FRAGMENTS) <= set(names)
+    assert len(set(names)) == len(names)
+
+
+def test_a_fragment_is_replaced_and_the_text_around_it_stays() -> None:
+    page = "before\n<!-- results: one -->\nold\n\n<!-- end -->\nafter"
+    results: Any = None
+    made = with_fragments(page, results, {"one": lambda _: "new"})
+    assert made == "before\n<!-- results: one -->\n\nnew\n\n<!-- end -->\nafter"
+    # That of another program stays.
+    assert with_fragments(page, results, {}) == page
+
+
+def test_a_program_is_ahead_on_the_levels_that_it_has_and_with_half_of_the_pixels() -> None:
+    own = method(
+        "refined_4", BUILT_IN, [("slope", "30", "disparity", 0.1, 80.0), ("slope", "60", "disparity", 0.3, 80.0)]
+    )
+    # Better than the median 0.2 of both levels, but not where it has a result.
+    easy = method(
+        "easy", PROGRAM, [("slope", "30", "disparity", 0.15, 80.0), ("slope", "60", "disparity", math.nan, 0.0)]
+    )
+    few = method("few", PROGRAM, [("slope", "30", "disparity", 0.05, 39.0), ("slope", "60", "disparity", 0.05, 39.0)])
+    good = method("good", PROGRAM, [("slope", "30", "disparity", 0.1, 41.0), ("slope", "60", "disparity", 0.2, 41.0)])
+    found = losses([own, easy, few, good])
+    rows = found[found["statistic"] == "rmse"]
+    assert list(rows["program"]) == ["few", "good"]
+    assert list(rows["counts"]) == [False, True]
+    assert rows["refined_4_value"].tolist() == pytest.approx([0.2, 0.2])
+    assert rows["ratio"].tolist() == pytest.approx([0.25, 0.75])
+
+
+def test_a_built_in_method_without_a_result_is_a_loss() -> None:
+    own = method("refined_4", BUILT_IN, [("slope", "30", "disparity", math.nan, 0.0)])
+    other = method("other", PROGRAM, [("slope", "30", "disparity", 0.4, 90.0)])
+    (line,) = losses([own, other]).query("statistic == 'rmse'").to_dict("records")
+    assert (line["program"], line["counts"], math.isnan(line["ratio"])) == ("other", True, True)
+
+
+def test_records_become_one_line_for_each_level_and_quantity() -> None:
+    def row(statistic: str, value: float, **more: Any) -> BenchmarkRecord:
+        given = {"pixels": METHOD_VALID, "unit": "px", "method": "mine"} | more
+        return BenchmarkRecord("noise", 0.005, quantity="disparity", statistic=statistic, value=value, **given)
+
+    records = [
+        row("rmse", 0.25, ci_low=0.2, ci_high=0.3),
+        row("rmse", 9.0, pixels="common_valid"),
+        row("density", 0.8, unit="1"),
+        row("inlier_rate", 0.7, pixels=ALL, unit="1"),
+        row("coverage", 0.5, threshold=1.0, unit="1"),
+        row("coverage", 0.99, threshold=3.0, unit="1"),
+        row("noise_std", 0.01, method=BOUND),
+        BenchmarkRecord("noise", 0.005, "mine", "", METHOD_VALID, "seconds", 3.0),
+    ]
+    (line,) = table_of(records).to_dict("records")
+    wanted = {"level": "0.005", "unit": "px", "rmse": 0.25, "rmse_ci_low": 0.2, "bound_std": 0.01}
+    assert {name: line[name] for name in wanted} == wanted
+    assert line["valid_percent"] == pytest.approx(80)
+    assert line["bad_percent"] == pytest.approx(30)
+    assert line["beyond_3_std_percent"] == pytest.approx(1)
+
+
+def test_data_are_read_as_written(tmp_path: Path) -> None:
+    one = method(
+        "mine", PROGRAM, [("gallery", "leaf", "disparity", 0.123456, 50.0), ("star", "", "flow_y", math.inf, 1.0)]
+    )
+    write_method_data(tmp_path, one)
+    (again,) = read_methods_data(tmp_path)
+    assert again == one
+    assert again.table["level"].tolist() == ["leaf", ""]
+    assert again.table["rmse"].tolist() == [0.1235, math.inf]
+    (value,) = (one for one in values([again]) if one.scene == "leaf")
+    assert value_of(again, value) == (0.1235, 50.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (0.012345, "0.012"),
+        (1.0, "1.0"),
+        (123.0, "120"),
+        (0.00012, "1.2e-4"),
+        (0.0, "0.0"),
+        (math.inf, "∞"),
+        (math.nan, "–"),
+    ],
+)
+def test_numbers_have_two_digits(value: float, words: str) -> None:
+    assert spelled(value) == words
+
+
+def test_every_case_has_a_job_with_levels() -> None:
+    jobs = list_jobs()
+    assert {job.case.kind for job in jobs} == {kind for kind, case in all_cases().items() if not case.lacks()}
+    assert len({job.name for job in jobs}) == len(jobs)
+    assert all(job.points for job in jobs)
+
+
+def _tiny() -> list[Job]:
+    return list_jobs(["phase_of_flow"], ["0.25"])
+
+
+def commands_of_page() -> list[list[str]]:
+    """Return the arguments of the commands of the page."""
+    found = [
+        shlex.split(line) for line in re.findall(r"^    (python -m benchmarks\.results .*)$", HOW_TO, re.MULTILINE)
+    ]
+    return [words[3:] for words in found]
+
+
+@nightly
+def test_the_page_on_adding_a_row_is_followed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", HOW_TO, re.DOTALL)
+    (tmp_path / "standstill.py").write_text(code, encoding="utf-8")
+    docs = tmp_path / "docs"
+    for file in [*(DOCS / "results").glob("*.md"), *(DOCS / "results" / "data").rglob("*.*")]:
+        place = docs / file.relative_to(DOCS / "results")
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(file.read_bytes())
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{Path.cwd()}")
+    places = ["--folder", str(tmp_path / "out"), "--docs", str(docs)]
+    trial, whole = commands_of_page()
+    command.main([*trial, *places])
+    # Where everything moves by a quarter of a pixel, standstill is wrong by that.
+    assert re.search(r"phase_of_flow +0\.25 +flow_x +px/frame +0\.25 ", capsys.readouterr().out)
+    assert not (docs / "data" / "methods" / "standstill.csv").exists()
+
+    monkeypatch.setattr(command, "list_jobs", lambda *given: _tiny())
+    monkeypatch.setattr(command, "cost_of", lambda *given: {"processor_s": 1.0, "memory_mb": 2.0})
+    command.main([*whole, *places])
+    (added,) = [one for one in read_methods_data(docs / "data" / "methods") if one.key == "standstill"]
+    assert (added.version, added.link) == ("1.0", "https://example.org/standstill")
+    (line,) = added.table.query("quantity == 'flow_x'").to_dict("records")
+    assert line["rmse"] == pytest.approx(0.25, rel=1e-3)
+    assert "[standstill](https://example.org/standstill)<br>1.0" in (docs / "index.md").read_text(encoding="utf-8")
+
+
+@nightly
+def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
+    one, peers = submitted(f"mine={__name__}:quarter"), tmp_path / "none"
+    assert [job for job, *_ in measure_jobs(_tiny(), [one], tmp_path, peers)] == ["phase_of_flow"]
+    assert list(measure_jobs(_tiny(), [one], tmp_path, peers)) == []
+    rows, failures, missing, _ = stored_rows(_tiny(), one, tmp_path)
+    assert (failures, missing) == ({}, [])
+    (error,) = (row.value for row in rows if row.quantity == "flow_x" and row.statistic == "rmse")
+    assert error == pytest.approx(0, abs=1e-3)
+    assert [job for job, *_ in measure_jobs(_tiny(), [one], tmp_path, peers, fresh=True)] == ["phase_of_flow"]
+
+
+def quarter(recording: Any) -> dict[str, Any]:
+    """Return a flow of a quarter of a pixel to the right."""
+    shape = (1, recording.sizes["y"], recording.sizes["x"])
+    return {"t": [0], "flow": np.stack([np.full(shape, 0.25), np.zeros(shape)])}
+
+
+@nightly
+def test_pages_are_written_from_data_alone(tmp_path: Path) -> None:
+    for file in [*(DOCS / "results").glob("*.md"), *(DOCS / "results" / "data" / "methods").glob("*")]:
+        place = tmp_path / file.relative_to(DOCS / "results")
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(file.read_bytes())
+    write_pages(tmp_path)
+    assert (tmp_path / "data" / "resolution.svg").read_text(encoding="utf-8").lstrip().startswith("<?xml")
+    assert len(pd.read_csv(tmp_path / "data" / "overview.csv")) == len(read_methods_data(tmp_path / "data" / "methods"))
