@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image as PillowImage
+from scipy import ndimage
 
 import scenetruth as st
 from scenetruth import compilation
@@ -14,8 +17,9 @@ from scenetruth.camera import Viewpoint
 from scenetruth.render import choose_renderer
 from scenetruth.render.area_lamps import AreaLamps
 from scenetruth.scene.built_scene import build_scene
-from tests.helpers.nightly import by_night, nightly
+from tests.helpers.nightly import NIGHTLY, by_night, nightly
 
+Floats = NDArray[np.float64]
 Image = NDArray[np.float32]
 HEIGHT = 60.0
 """Distance of the sheet in front of the ground, mm."""
@@ -169,6 +173,91 @@ def test_sheets_shade_by_their_transmittance() -> None:
     expected = opaque[:, 30:] + 0.3 * (clear[:, 30:] - opaque[:, 30:])
     assert both[:, 30:] == pytest.approx(expected, abs=2e-3)
     assert (clear[:, 30:] - opaque[:, 30:]).max() > 0.1
+
+
+def panel_light(x: Floats, y: Floats, gap: float, left: Floats, right: Floats, above: Floats, below: Floats) -> Floats:
+    """Return the irradiance of points by a part of a parallel panel of radiance 1, by Gauss points over that part.
+
+    The part reaches from ``left`` to ``right`` and from ``above`` to ``below``.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    total = np.zeros_like(x)
+    for u, one in zip(0.5 * (nodes + 1), 0.5 * weights, strict=True):
+        for v, other in zip(0.5 * (nodes + 1), 0.5 * weights, strict=True):
+            square = (left + u * (right - left) - x) ** 2 + (above + v * (below - above) - y) ** 2 + gap**2
+            total += one * other * gap**2 / square**2
+    return np.asarray(total * np.maximum(right - left, 0) * np.maximum(below - above, 0))
+
+
+def test_penumbra_of_a_square_cut_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hole of 20 mm in a sheet, cut out by the opacity of its picture, in front of the ground."""
+    alpha = np.full((128, 128), 255, dtype=np.uint8)
+    alpha[44:84, 44:84] = 0
+    PillowImage.fromarray(np.dstack([np.zeros_like(alpha)] * 3 + [alpha])).save(tmp_path / "card.png")
+    (tmp_path / "card.mtl").write_text("newmtl card\nmap_Kd card.png\n")
+    corners = "v -32 -32 0\nv 32 -32 0\nv 32 32 0\nv -32 32 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
+    (tmp_path / "card.obj").write_text(f"mtllib card.mtl\n{corners}usemtl card\nf 1/1 2/2 3/3 4/4\n")
+    card = {
+        "name": "card", "mesh": {"kind": "file", "file": str(tmp_path / "card.obj")},
+        "pose": {"position_mm": [0, 0, 500 - HEIGHT]}, "texture": {"kind": "embedded"},
+    }  # fmt: skip
+    at = np.array([60.0, -35.0])
+    panel = {"kind": "rectangle", "position_mm": [*at, -20], "direction": [0, 0, 1], "size_mm": [60, 50]}
+    scene = scene_of(panel, objects=[ground(), card], focal_px=2100.0)
+    found = image_of(scene)
+    # Means over pixels, by 4 x 4 points: light bends where an edge leaves the panel.
+    steps = (np.arange(4) - 1.5) / 4
+    column, row = (np.add.outer(np.arange(size), steps).ravel() - (size - 1) / 2 for size in (96, 72))
+    x, y = np.meshgrid(column / 2100 * 500, row / 2100 * 500)
+    # The part of the panel that is visible through the hole.
+    sides = [
+        np.clip(place + (side - place) * 520 / HEIGHT, middle - half, middle + half)
+        for place, middle, half in ((x, at[0], 30.0), (y, at[1], 25.0))
+        for side in (-10.0, 10.0)
+    ]
+    zero = np.zeros(1)
+    radiance = 0.8 / panel_light(zero, zero, 500.0, zero - 30, zero + 30, zero - 25, zero + 25)
+    expected = (radiance * panel_light(x, y, 520.0, *sides)).reshape(72, 4, 96, 4).mean(axis=(1, 3))
+    whole = float(
+        radiance[0] * panel_light(at[:1], at[1:], 520.0, at[:1] - 30, at[:1] + 30, at[1:] - 25, at[1:] + 25)[0]
+    )
+    # The camera sees the ground through the hole; the contour of the opacity rounds its corners by a texel.
+    beyond = np.maximum(np.abs(x), np.abs(y)).reshape(72, 4, 96, 4).max(axis=(1, 3))
+    clear = beyond * (500 - HEIGHT) / 500 < 9.5
+    partly = clear & (expected > 0.02 * whole) & (expected < 0.98 * whole)
+    assert np.count_nonzero(partly) > 300
+    assert (expected[clear] == 0).any()
+    off = np.abs(found - expected)[clear] / whole
+    # Interpolation between pixels is worse only where both edges leave the panel.
+    assert np.quantile(off, 0.98) < 2e-3
+    assert off.max() < 1e-2
+    if NIGHTLY:
+        exact = exact_image(scene, monkeypatch)
+        # Of the pixel means, and of the corners of the hole.
+        assert np.abs(exact - expected)[clear].max() < 1.2e-3 * whole
+
+
+def test_a_leaf_shines_through_under_a_panel() -> None:
+    """A panel behind a flat leaf that transmits 0.6 times its texture."""
+    leaf = {
+        "name": "leaf",
+        "mesh": {"kind": "leaf", "outline": "ovate", "length_mm": 60, "width_mm": 40, "resolution_mm": 3},
+        "pose": {"position_mm": [-20, 0, 400]}, "texture": {"kind": "uniform", "radiance": 0.5},
+        "material": {"transmittance": 0.6, "reflectance": 0.3},
+    }  # fmt: skip
+    panel = {"kind": "rectangle", "position_mm": [30, 20, 600], "direction": [0, 0, -1], "size_mm": [60, 50]}
+    scene = scene_of(panel, objects=[leaf])
+    world = build_scene(scene)
+    assert np.ptp(world.bodies[0].vertices_mm[:, 2]) == 0
+    found = image_of(scene)
+    x, y = np.meshgrid((np.arange(96) - 47.5) / 700 * 400, (np.arange(72) - 35.5) / 700 * 400)
+    zero = np.zeros(1)
+    radiance = 0.8 / panel_light(zero, zero, 500.0, zero - 30, zero + 30, zero - 25, zero + 25)
+    expected = 0.5 * 0.6 * radiance * panel_light(x, y, 200.0, x * 0, x * 0 + 60, x * 0 - 5, x * 0 + 45)
+    # Inside the outline by two pixels.
+    inside = ndimage.binary_erosion(found > 0.5 * expected.min(), iterations=2)
+    assert np.count_nonzero(inside) > 500
+    assert found[inside] == pytest.approx(expected[inside], rel=1e-3)
 
 
 @nightly

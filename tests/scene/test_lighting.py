@@ -10,6 +10,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as some
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import scenetruth as st
@@ -42,7 +43,7 @@ def lit(*lights: dict[str, Any], **lighting: Any) -> st.Scene:
         ("lights.0.target_mm=[0, -80, 400]", r"lights\.0: target_mm must differ from position_mm"),
         ("lights.0.outer_angle_deg=181", r"lights\.0\.outer_angle_deg: .*less than or equal to 180"),
         ("lights.0.colour=red", r"lights\.0\.colour: unknown key"),
-        ("lights.0.kind=laser", r"lights\.0: .*'laser'.*'directional', 'disc', 'point'"),
+        ("lights.0.kind=laser", r"lights\.0: .*'laser'.*'directional', 'disc', 'ies', 'point'"),
         (
             "lights.0={kind: directional, direction: [0, 0, 0], irradiance: 1}",
             r"direction: must not be the zero vector",
@@ -251,3 +252,64 @@ def test_frames_of_moving_lamps(inner: float, radius: float, axis: tuple[float, 
         outline = np.linalg.norm(lamp.outline_mm() - lamp.position_mm, axis=1)
         assert outline.max() == pytest.approx(radius)
         assert outline.min() == pytest.approx(inner, abs=1e-9)
+
+
+def turned(points: NDArray[np.float64], seed: int) -> NDArray[np.float64]:
+    """Return points turned at random about the centre of the lamp below."""
+    return np.asarray(points @ Rotation.random(random_state=seed).as_matrix().T + [7.0, -3.0, 50.0])
+
+
+@given(some.integers(0, 2**32 - 1), some.sampled_from(["disc", "ring", "rectangle", "sphere"]))
+def test_surfaces_that_cross_a_lamp(seed: int, kind: str) -> None:
+    """Against points all over each triangle, or all over the lamp: what they show is found, and little else."""
+    generator = np.random.default_rng(seed)
+    triangle = generator.uniform(-80, 80, (3, 3))
+    u, v = generator.uniform(0, 1, (2, 20_000))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    points = triangle[0] + u[:, None] * (triangle[1] - triangle[0]) + v[:, None] * (triangle[2] - triangle[0])
+    # The lamp has the axis z before it is turned; points close to its plane stand for the line in it.
+    x, y, z = points.T
+    near = np.abs(z) < 0.5
+    sizes: dict[str, tuple[NDArray[np.float64], dict[str, Any]]] = {
+        "disc": (np.hypot(x, y) - 40, {"radius_mm": 40}),
+        "ring": (np.maximum(np.hypot(x, y) - 40, 25 - np.hypot(x, y)), {"inner_radius_mm": 25, "radius_mm": 40}),
+        "rectangle": (np.maximum(np.abs(x) - 40, np.abs(y) - 15), {"size_mm": [80, 30]}),
+        "sphere": (np.linalg.norm(points, axis=1) - 40, {"radius_mm": 40}),
+    }
+    beyond, fields = sizes[kind]
+    beyond = beyond if kind == "sphere" else beyond[near]
+    axes = turned(np.eye(3), seed) - turned(np.zeros((1, 3)), seed)
+    light: dict[str, Any] = {"kind": kind, "position_mm": turned(np.zeros((1, 3)), seed)[0].tolist(), **fields}
+    light |= {"irradiance": 1, "reference_distance_mm": 300}
+    if kind != "sphere":
+        light["direction"] = axes[2].tolist()
+    if kind == "rectangle":
+        light["width_direction"] = axes[0].tolist()
+    (lamp,) = Lighting.model_validate({"lights": [light]}).lamps_at(0.0)
+    # Points are at most 3 mm apart on most triangles.
+    nearest = float(beyond.min(initial=np.inf))
+    if abs(nearest) > 8:
+        assert lamp.is_crossed_by(turned(triangle, seed)[None]) == (nearest < 0)
+
+
+@pytest.mark.parametrize("lamp", [DISC, RING, PANEL, BALL], ids=lambda lamp: lamp["kind"])
+def test_lamps_of_every_shape_in_sheets_and_rods_are_refused(lamp: dict[str, Any]) -> None:
+    """A sheet has no inside, and a rod may pass between the points of an outline."""
+    at = [0, -80, 400]
+    sheet: dict[str, Any] = {
+        "name": "sheet",
+        "mesh": {"kind": "plane", "size_mm": [300, 300]},
+        "texture": {"kind": "uniform"},
+    }
+    steep = {"position_mm": at, "rotations": [{"axis": [1, 0.2, 0], "angle_deg": 80}]}
+    rod: dict[str, Any] = {"name": "rod", "mesh": {"kind": "cylinder", "radius_mm": 2, "length_mm": 200, "caps": True}}
+    rod |= {"texture": {"kind": "uniform"}, "pose": {**steep, "position_mm": [37, -72, 400]}}
+    placed = {**lamp, "position_mm": at, "direction": [0, 0, 1]}
+    placed.pop("target_mm", None)
+    if lamp["kind"] == "sphere":
+        placed.pop("direction")
+    scene = cube(lighting={"lights": [placed]}, objects=[{**sheet, "pose": steep}, rod])
+    problems = find_lighting_problems(scene, build_scene(scene))
+    assert {problem.path for problem in problems} == {"lighting.lights.0.position_mm"}
+    assert any("the lamp is crossed by 'sheet' at frame" in problem.message for problem in problems)
+    assert any("'rod' at frame" in problem.message for problem in problems)

@@ -23,6 +23,7 @@ class SurfaceTree(NamedTuple):
       its triangles, shape (k, 2).
     ``order``: Faces by leaf, shape (m,). ``covers``: Centre and radius of a sphere around each of them, shape (m, 4).
     ``corners``: Corners of all faces, shape (m, 3, 3).
+    ``planes``: Vector at right angles to each face, and its product with the points of the face, shape (m, 4).
     ``neighbours``: Face across each edge that has the edge in the opposite direction, -1 for none, shape (m, 3).
     ``bodies``: Body of each face, shape (m,).
     """
@@ -32,6 +33,7 @@ class SurfaceTree(NamedTuple):
     order: NDArray[np.int32]
     covers: NDArray[np.float64]
     corners: NDArray[np.float64]
+    planes: NDArray[np.float64]
     neighbours: NDArray[np.int32]
     bodies: NDArray[np.int32]
 
@@ -45,8 +47,24 @@ def build_tree(
     """
     corners = np.ascontiguousarray(corners_mm)
     spheres, children, order = _build(corners)
-    covers = _cover(corners, order)
-    return SurfaceTree(spheres, children, order, covers, corners, _facing_neighbours(corners, neighbours), bodies)
+    covers, planes = _cover(corners, order), _planes(corners)
+    facing = _facing_neighbours(corners, neighbours)
+    return SurfaceTree(spheres, children, order, covers, corners, planes, facing, bodies)
+
+
+@kernel()
+def _planes(corners: NDArray[np.float64]) -> Any:
+    """Return the planes of triangles, see `SurfaceTree`."""
+    planes = np.empty((corners.shape[0], 4))
+    for n in range(corners.shape[0]):
+        planes[n, 3] = 0.0
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            one, other = corners[n, 1, i] - corners[n, 0, i], corners[n, 2, j] - corners[n, 0, j]
+            third, fourth = corners[n, 1, j] - corners[n, 0, j], corners[n, 2, i] - corners[n, 0, i]
+            planes[n, k] = one * other - third * fourth
+            planes[n, 3] += planes[n, k] * corners[n, 0, k]
+    return planes
 
 
 @kernel()
@@ -63,7 +81,7 @@ def _facing_neighbours(corners: NDArray[np.float64], neighbours: NDArray[np.int3
                 for k in range(3):
                     equal = equal and corners[face, edge, k] == corners[other, following, k]
                     equal = equal and corners[face, after, k] == corners[other, place, k]
-                if equal:
+                if equal and neighbours[other, place] == face:
                     found[face, edge] = other
     return found
 

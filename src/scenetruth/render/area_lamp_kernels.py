@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from scenetruth.kernels import kernel
 from scenetruth.raycast.surface_tree_kernels import SurfaceTree, find_between
+from scenetruth.render.fitted_lamp_kernels import ANGLES, PAIR, along_fitted, fit_light, visible_light
 from scenetruth.render.lamp_shadow_kernels import (
     AXIS,
     CENTRE,
@@ -18,6 +19,8 @@ from scenetruth.render.lamp_shadow_kernels import (
     cross_edge,
     line_pieces,
     outline_edges,
+    rectangle_depth,
+    surely_lit,
     trim_edges,
 )
 from scenetruth.render.reflectance_kernels import entering, frame_of, in_frame, reflect_ray, towards
@@ -33,14 +36,15 @@ VISIBLE, CERTAIN = 1, 2
 _LEAST_POINTS = 256
 _FIRST_FOUND = 1024
 _NARROWEST = 1e-9  # interval between lines
-_LEVELS = 7  # most halvings of an interval between lines
-_TOLERANCE = 1e-3  # share of the lamp by which the mean of two lines may differ from the line between
+_LEVELS = 10  # most halvings of an interval between lines
+_TOLERANCE = 2e-4  # share of the lamp by which the mean of two lines may differ from the line between
 _QUADRATURE = 9.2  # -ln of the error of sums around a lamp, 1e-4
-_FEWEST, _FEWEST_SHADED, _MOST = 5, 4, 64  # lines
+_FEWEST, _FEWEST_SHADED, _MOST = ANGLES, 4, 64  # lines
 _MOST_PARTS = 8  # of a line
+_CLEAR = 1e-9  # optical depth, for rounding
 _LONG = 0.3  # edges of outlines, of the size of the lamp
-_LITTLE, _COARSE = 0.4, -1.0  # parts of a line, below which two points serve, and for which one does
-_PAIR = 0.5 / np.sqrt(3.0)  # Gauss points at this distance from the middle
+_LITTLE = 0.4  # parts of a line, below which two points serve
+_SINE = np.sqrt(0.75)  # of 120°
 _SIDE = 0.5 * np.sqrt(0.6)  # Gauss points of a part: the middle, and this far from it
 
 # Further values of a flat lamp and a surface: height of the lamp above the tangent plane, its change across and down;
@@ -261,7 +265,7 @@ def _along_line(
     at, number, parts = 0.0, 1, max(np.ceil(place[_PARTS]), 1.0)
     nodes = 3
     if count == 0 and place[_PARTS] < _LITTLE and crossing > 1.0:
-        nodes = 1 if place[_PARTS] == _COARSE else 2
+        nodes = 2
     while at < 1.0:
         # The next part, which ends at the tangent plane at the latest.
         after = min(number / parts, 1.0)
@@ -285,9 +289,9 @@ def _along_line(
                 high += scale * (cubes + squares)
                 centre += pieces[item, 2] * (t1 - t0) - 2.0 * scale * cubes
         for node in range(-1, 2):
-            if (nodes == 2 and node == 0) or (nodes == 1 and node != 0):
+            if nodes == 2 and node == 0:
                 continue
-            u = middle + width * node * (_PAIR if nodes == 2 else _SIDE)
+            u = middle + width * node * (PAIR if nodes == 2 else _SIDE)
             area = 4.0 * inner * outer
             if polar:
                 area = 2.0 * np.pi * (inner + u * (outer - inner)) * (outer - inner)
@@ -342,6 +346,29 @@ def _unshaded_at(
 
 
 @kernel(error_model="numpy")
+def _coarse_light(place: NDArray[np.float64], point: NDArray[np.float64], optics: tuple[Any, ...]) -> Any:
+    """Return factor and gloss by three points of a round lamp, which suffice for differences between near points."""
+    frame, eye, leaving, values, tables = optics
+    inner, outer = place[SIZES], place[SIZES + 1]
+    middle = 0.5 * (inner + outer)
+    area = 2.0 * np.pi * middle * (outer - inner) * place[RADIANCE] / 3.0
+    factor, gloss = 0.0, 0.0
+    for number in range(3):
+        x = middle * (1.0 if number == 0 else -0.5)
+        y = middle * (0.0 if number == 0 else (_SINE if number == 1 else -_SINE))
+        dx = place[CENTRE] + x * place[3] + y * place[6] - point[0]
+        dy = place[CENTRE + 1] + x * place[4] + y * place[7] - point[1]
+        dz = place[CENTRE + 2] + x * place[5] + y * place[8] - point[2]
+        square = dx * dx + dy * dy + dz * dz
+        far = np.sqrt(square)
+        incident = -area * (dx * place[AXIS] + dy * place[AXIS + 1] + dz * place[AXIS + 2])
+        light = in_frame(frame, dx / far, dy / far, dz / far)
+        one, other = reflect_ray(incident / (square * far), light, eye, leaving, values, tables)
+        factor, gloss = factor + one, gloss + other
+    return factor, gloss
+
+
+@kernel(error_model="numpy")
 def _unshaded_light(
     low: int, high: int, lamp: NDArray[np.float64], view: tuple[NDArray[Any], ...], surface: tuple[NDArray[Any], ...],
     out: NDArray[np.float64],
@@ -384,23 +411,27 @@ def _unshaded_corners(
             if not _face_lamp(lamp, point, place):
                 coarse = False
                 continue
-            lines, side = _set_lines(place, polar, point, normal, values[m])
+            if values[m, 0] <= 1.0 and values[m, 3] == 0.0:
+                lines, side = _set_lines(place, polar, point, normal, values[m])
+                if side != 0:
+                    light = _closed_form(place, polar, point, normal)
+                    out[n, c, 0] = light * values[m, 9] if side > 0 else -light * values[m, 4]
+                    continue
             eye = towards(frame, origin, point)
             optics = (frame, eye, entering(tables[m], eye), values[m], tables[m])
-            if not coarse:
-                one, other = _unshaded_at(place, polar, lines, side, point, normal, optics, none)
+            if coarse:
+                some, shine = _coarse_light(place, point, optics)
+                out[n, c, 0], out[n, c, 1] = factor + some, gloss + shine
+                continue
+            lines, side = _set_lines(place, polar, point, normal, values[m])
+            one, other = _unshaded_at(place, polar, lines, side, point, normal, optics, none)
             if c == 0:
                 # Differences between the corners follow from few points, if the light of the lamp is even.
-                factor, gloss = one, other
-                broad = lines == _FEWEST and place[_PARTS] < _LITTLE
+                broad = polar and lines == _FEWEST and place[_PARTS] < _LITTLE
                 coarse = broad and side > 0 and (values[m, 0] > 1.0 or values[m, 3] > 0.0)
-            if coarse:
-                place[_PARTS] = _COARSE
-                some, shine = _unshaded_at(place, polar, 3, side, point, normal, optics, none)
-                if c == 0:
-                    factor, gloss = factor - some, gloss - shine
-                else:
-                    one, other = factor + some, gloss + shine
+                if coarse:
+                    some, shine = _coarse_light(place, point, optics)
+                    factor, gloss = one - some, other - shine
             out[n, c, 0], out[n, c, 1] = one, other
 
 
@@ -413,9 +444,8 @@ def _lamp_shares(
     origin, points, normals, faces = view
     tangents, materials, values, tables = surface
     place, polar = np.empty(_PLACES), lamp[0] != RECTANGLE
-    slots = np.full(tree.corners.shape[0], -1, dtype=np.int32)
-    found = np.empty(_FIRST_FOUND, dtype=np.int32)
-    outlines, kinds = np.empty((_FIRST_FOUND, 5, 2)), np.empty((_FIRST_FOUND, 3), dtype=np.int32)
+    sides = np.zeros(tree.corners.shape[0], dtype=np.int8)
+    found, outline = np.empty(_FIRST_FOUND, dtype=np.int32), np.empty((5, 2))
     edges, marks = np.empty((5 * _FIRST_FOUND, 5)), np.empty((5 * _FIRST_FOUND, 2))
     pieces, borders = np.empty((5 * _FIRST_FOUND + 1, 3)), np.empty(5 * _FIRST_FOUND)
     stack, fit = np.empty((_LEVELS + 2, 13)), np.empty((2, 2, 5))
@@ -435,40 +465,57 @@ def _lamp_shares(
         if place[_HEIGHT] > 0.0:
             start = (starts[n, 0], starts[n, 1], starts[n, 2])
         centre = (place[0], place[1], place[2])
-        count = find_between(tree, start, near[n], centre, radius, face, found)
+        count = find_between(tree, start, 0.0, centre, radius, face, found)
         if count > found.shape[0]:
-            space = 2 * count
-            found = np.empty(space, dtype=np.int32)
-            outlines, kinds = np.empty((space, 5, 2)), np.empty((space, 3), dtype=np.int32)
-            edges, marks = np.empty((5 * space, 5)), np.empty((5 * space, 2))
-            pieces, borders = np.empty((5 * space + 1, 3)), np.empty(5 * space)
-            count = find_between(tree, start, near[n], centre, radius, face, found)
-        work = (outlines, kinds, slots)
-        used, certain = outline_edges(
-            tree, found, count, start, near[n], tree.bodies[face], place, polar, depths, work, edges
-        )
-        if used == 0:
-            state[n] = CERTAIN if certain else VISIBLE
+            found = np.empty(2 * count, dtype=np.int32)
+            count = find_between(tree, start, 0.0, centre, radius, face, found)
+        if 5 * count > edges.shape[0]:
+            edges, marks = np.empty((10 * count, 5)), np.empty((10 * count, 2))
+            pieces, borders = np.empty((10 * count + 1, 3)), np.empty(10 * count)
+        used, kept, whole = outline_edges(tree, found, count, start, place, polar, depths, sides, outline, edges)
+        place[_DEPTH], place[_BEGIN], depth = 0.0, -np.inf, 0.0
+        if polar:
+            used, depth = trim_edges(edges, used, radius)
+            place[_DEPTH] = depth
+            place[_BEGIN] = -place[SIZES] / (place[SIZES + 1] - place[SIZES])
+        else:
+            meets, depth = rectangle_depth(edges, used, place[SIZES], place[SIZES + 1])
+            used = used if meets else 0
+        if used == 0 and abs(depth) < _CLEAR:
+            state[n] = CERTAIN
+            if near[n] > 0.0:
+                # Most of the points that are not surely lit are close to what is in front of the lamp.
+                if not surely_lit(tree, found, kept, start, near[n], tree.bodies[face], place, polar):
+                    state[n] = VISIBLE
+                    continue
+                count = find_between(tree, start, near[n], centre, radius, face, found)
+                if count > found.shape[0]:
+                    found = np.empty(2 * count, dtype=np.int32)
+                    count = find_between(tree, start, near[n], centre, radius, face, found)
+                if not surely_lit(tree, found, count, start, near[n], tree.bodies[face], place, polar):
+                    state[n] = VISIBLE
             continue
         state[n] = 0
-        place[_DEPTH], place[_BEGIN] = 0.0, -np.inf
-        if polar:
-            used, place[_DEPTH] = trim_edges(edges, used, radius)
-            place[_BEGIN] = -place[SIZES] / (place[SIZES + 1] - place[SIZES])
-            if used == 0:
-                # Equally shaded: the weights are upper limits.
-                share = np.exp(-max(place[_DEPTH], 0.0)) if place[_DEPTH] < 0.5 * OPAQUE else 0.0
-                shares[n, 0] = shares[n, 1] = share
-                continue
+        if used == 0:
+            # Equally shaded: the weights are upper limits.
+            share = np.exp(-max(depth, 0.0)) if depth < 0.5 * OPAQUE else 0.0
+            shares[n, 0] = shares[n, 1] = share
+            continue
         frame = frame_of(normals[n], tangents[face])
         eye = towards(frame, origin, points[n])
         optics = (frame, eye, entering(tables[m], eye), values[m], tables[m])
         shades = (edges, used, marks, pieces)
         even = polar and side != 0 and lines <= _FEWEST and place[_PARTS] < _LITTLE
-        lines = max(lines, _FEWEST_SHADED)
-        _, factor, gloss, all_factor, all_gloss = _integrate(
-            place, polar, points[n], lines, even, shades, optics, (stack, borders, fit)
-        )
+        followed = False
+        factor, gloss, all_factor, all_gloss = 0.0, 0.0, 0.0, 0.0
+        if even:
+            fit_light(place, points[n], optics, fit)
+            if whole:
+                factor, gloss, all_factor, all_gloss, followed = visible_light(place, edges, used, depth, fit, marks)
+        if not followed:
+            _, factor, gloss, all_factor, all_gloss = _integrate(
+                place, polar, points[n], max(lines, _FEWEST_SHADED), even, shades, optics, (stack, borders, fit)
+            )
         shares[n, 0] = min(max(factor / all_factor, 0.0), 1.0) if all_factor > 0.0 else 1.0
         shares[n, 1] = min(max(gloss / all_gloss, 0.0), 1.0) if all_gloss > 0.0 else 1.0
         shares[n, 2], shares[n, 3] = all_factor, all_gloss
@@ -539,80 +586,13 @@ def _line_borders(
 
 
 @kernel(error_model="numpy")
-def _fit_light(
-    place: NDArray[np.float64], point: NDArray[np.float64], optics: tuple[Any, ...], fit: NDArray[np.float64]
-) -> None:
-    """Fit the light per area of a round lamp that is far away, compared with its size.
-
-    ``fit``: Mean, and changes with cosine and sine of the angle and of the double angle: at the middle of the lines,
-    and the slope along them; of factor and gloss; shape (2, 2, 5).
-    """
-    frame, eye, leaving, values, tables = optics
-    inner, width = place[SIZES], place[SIZES + 1] - place[SIZES]
-    for k in range(20):
-        fit[k // 10, k // 5 % 2, k % 5] = 0.0
-    for number in range(_FEWEST):
-        right, below = np.cos(2.0 * np.pi * number / _FEWEST), np.sin(2.0 * np.pi * number / _FEWEST)
-        terms = (0.5, right, below, right * right - below * below, 2.0 * right * below)
-        for sign in range(-1, 2, 2):
-            radius = inner + (0.5 + sign * _PAIR) * width
-            across, down = radius * right, radius * below
-            dx = place[CENTRE] + across * place[3] + down * place[6] - point[0]
-            dy = place[CENTRE + 1] + across * place[4] + down * place[7] - point[1]
-            dz = place[CENTRE + 2] + across * place[5] + down * place[8] - point[2]
-            square = dx * dx + dy * dy + dz * dz
-            far = np.sqrt(square)
-            incident = -place[RADIANCE] * (dx * place[AXIS] + dy * place[AXIS + 1] + dz * place[AXIS + 2])
-            light = in_frame(frame, dx / far, dy / far, dz / far)
-            found = reflect_ray(incident / (square * far), light, eye, leaving, values, tables)
-            for kind in range(2):
-                for k in range(5):
-                    part = terms[k] * found[kind] / _FEWEST
-                    fit[kind, 0, k] += part
-                    fit[kind, 1, k] += sign * part / _PAIR
-
-
-@kernel(error_model="numpy")
-def _along_fitted(
-    s: float, place: NDArray[np.float64], shades: tuple[Any, ...], fit: NDArray[np.float64]
-) -> Any:  # fmt: skip
-    """As `_along_line`, with light by `_fit_light`."""
-    edges, count, marks, pieces = shades
-    inner, outer = place[SIZES], place[SIZES + 1]
-    right, below = np.cos(2.0 * np.pi * s), np.sin(2.0 * np.pi * s)
-    line = (inner * right, inner * below, outer * right, outer * below)
-    kept = line_pieces(line, place[_DEPTH], place[_BEGIN], edges, count, marks, pieces)
-    # Area, and its first moment about the middle of the line.
-    first, slope = 2.0 * np.pi * inner * (outer - inner), 2.0 * np.pi * (outer - inner) ** 2
-    all_area, all_moment = first + 0.5 * slope, slope / 12.0
-    area, moment = 0.0, 0.0
-    for item in range(kept):
-        begin, end = pieces[item, 0], pieces[item, 1]
-        length, twice, cubes = end - begin, 0.5 * (end * end - begin * begin), (end**3 - begin**3) / 3.0
-        area += pieces[item, 2] * (first * length + slope * twice)
-        moment += pieces[item, 2] * (first * (twice - 0.5 * length) + slope * (cubes - 0.5 * twice))
-    double, doubled = right * right - below * below, 2.0 * right * below
-    one = fit[0, 0, 0] + fit[0, 0, 1] * right + fit[0, 0, 2] * below + fit[0, 0, 3] * double + fit[0, 0, 4] * doubled
-    rise = fit[0, 1, 0] + fit[0, 1, 1] * right + fit[0, 1, 2] * below + fit[0, 1, 3] * double + fit[0, 1, 4] * doubled
-    shine = fit[1, 0, 0] + fit[1, 0, 1] * right + fit[1, 0, 2] * below + fit[1, 0, 3] * double + fit[1, 0, 4] * doubled
-    gain = fit[1, 1, 0] + fit[1, 1, 1] * right + fit[1, 1, 2] * below + fit[1, 1, 3] * double + fit[1, 1, 4] * doubled
-    return (
-        area / all_area,
-        one * area + rise * moment,
-        shine * area + gain * moment,
-        one * all_area + rise * all_moment,
-        shine * all_area + gain * all_moment,
-    )
-
-
-@kernel(error_model="numpy")
 def _on_line(
     s: float, place: NDArray[np.float64], polar: bool, point: NDArray[np.float64], shades: tuple[Any, ...],
     optics: tuple[Any, ...], fit: NDArray[np.float64], even: bool,
 ) -> Any:  # fmt: skip
-    """Return the values of `_along_line`, for even light by `_along_fitted`."""
+    """Return the values of `_along_line`, for even light by `along_fitted`."""
     if even:
-        return _along_fitted(s, place, shades, fit)
+        return along_fitted(s, place, place[_DEPTH], place[_BEGIN], shades, fit)
     return _along_line(s, place, polar, point, shades, optics)
 
 
@@ -623,11 +603,9 @@ def _integrate(
 ) -> Any:  # fmt: skip
     """Integrate a lamp by Simpson's rule over lines, halved where visibility bends; see `_along_line`.
 
-    ``even``: Whether the light is fitted, see `_fit_light`.
+    ``even``: Whether the light is fitted, see `fit_light`.
     """
     stack, borders, fit = buffers
-    if even:
-        _fit_light(place, point, optics, fit)
     seen, factor, gloss, all_factor, all_gloss = 0.0, 0.0, 0.0, 0.0, 0.0
     edges, count, _, _ = shades
     used = _line_borders(place, polar, lines, edges, count, borders)

@@ -276,12 +276,12 @@ class AreaLamps:
         """Return factors and gloss of samples of the prepared image, and the samples that this leaves out.
 
         ``samples``: Pixel, face, and weights of the second and third corner, shapes (n,), (n,) and (n, 2).
-        Returns None without lamps, with spot lights without a size, and outside the image.
+        Returns None without lamps, with lamps without a size whose light differs by direction, and outside the image.
         """
         from scenetruth.render.lamp_lattice_kernels import light_samples
 
         view = self._view_of(caster, origin_mm)
-        if view is None or not lamps or any(lamp.area is None and lamp.cos_inner > -1.0 for lamp in lamps):
+        if view is None or not lamps or any(lamp.area is None and lamp.directed for lamp in lamps):
             return None
         for number in range(len(view.packed) + 1):
             self._compute_corners(view, number, samples[1], self._computation(number, ambient, lamps, surface))
@@ -489,6 +489,8 @@ def _sharp_light(lamp: Lamp, seen: Seen, surface: Surface) -> NDArray[np.float64
     given = (place, lamp.axis, lamp.position_mm is None, lamp.irradiance, lamp.reference_distance_mm, *cone)
     # At normal incidence.
     light, _, to_light, _ = direct_light(points, to_light, *given)
+    if lamp.beam is not None:
+        light *= lamp.relative_intensity(to_light)
     factors, gloss = np.zeros((2, len(points)))
     reflect_light(light, to_light, many, surface, factors, gloss)
     found = np.stack([factors, gloss], axis=-1).reshape(*seen[1].shape[:-1], 2)

@@ -100,9 +100,9 @@ def light_of(
     lamp: Lamp, points_mm: NDArray[np.float64], normals: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]]:
     """Return the light of a lamp on points, see `shading_kernels.direct_light`."""
-    from scenetruth.render.shading_kernels import direct_light
+    from scenetruth.render.shading_kernels import DARK, direct_light
 
-    return direct_light(
+    light, zone, to_light, distance = direct_light(
         points_mm,
         normals,
         np.zeros(3) if lamp.position_mm is None else lamp.position_mm,
@@ -113,6 +113,11 @@ def light_of(
         lamp.cos_inner,
         lamp.cos_outer,
     )
+    if lamp.beam is not None:
+        share = lamp.relative_intensity(to_light)
+        light *= share
+        zone[share == 0] = DARK
+    return light, zone, to_light, distance
 
 
 @dataclass(frozen=True, eq=False)

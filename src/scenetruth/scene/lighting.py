@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
@@ -12,6 +13,8 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from scenetruth.bands import BandNonNegative, as_number
 from scenetruth.discovery import discriminated_union
+from scenetruth.input_files import InputFile
+from scenetruth.scene.light_distribution import LightDistribution, load_distribution
 from scenetruth.scene.motion import MotionModel, Points
 from scenetruth.scene.motion.rigid_motions import Motion
 from scenetruth.validated_model import Direction, Finite, FrozenModel, NonNegative, Positive, Vector3
@@ -21,8 +24,10 @@ __all__ = [
     "DirectionalLight",
     "DiscLight",
     "Flicker",
+    "IesLight",
     "Lamp",
     "LampArea",
+    "LampBeam",
     "LightModel",
     "Lighting",
     "PointLight",
@@ -36,6 +41,7 @@ __all__ = [
 EVERYWHERE = -1.0
 """Cone-border cosine of a lamp without a cone."""
 _THIN = 1e-6  # distance from a flat lamp, relative to its size, below which a point is on it
+_TINY = 1e-100  # in place of a step of 0
 _PARALLEL = 1e-6  # length below which the width of a lamp is parallel to its axis
 
 
@@ -57,6 +63,18 @@ class LampArea:
 
 
 @dataclass(frozen=True, eq=False)
+class LampBeam:
+    """Distribution of the light of a lamp without a size.
+
+    ``across``, ``down``: Unit vectors of the horizontal angles 0 and 90°, shape (3,) each, at right angles to the axis.
+    """
+
+    distribution: LightDistribution
+    across: NDArray[np.float64]
+    down: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
 class Lamp:
     """One light at one time.
 
@@ -64,7 +82,7 @@ class Lamp:
     ``axis``: Unit vector of the light direction, shape (3,); zeros for a point light.
     ``irradiance``: E at normal incidence at ``reference_distance_mm``, which is 0 for a directional light.
     ``cos_inner``, ``cos_outer``: Cosines of the inner and outer cone angles of a spotlight; -1 and -1 for other lights.
-    ``area``: None for lamps without a size.
+    ``area``: None for lamps without a size. ``beam``: None for lamps without a photometric file.
     """
 
     position_mm: NDArray[np.float64] | None
@@ -74,6 +92,23 @@ class Lamp:
     cos_inner: float
     cos_outer: float
     area: LampArea | None = None
+    beam: LampBeam | None = None
+
+    @property
+    def directed(self) -> bool:
+        """Whether the light of a lamp without a size differs between directions."""
+        return self.cos_inner > EVERYWHERE or self.beam is not None
+
+    def relative_intensity(self, to_light: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the intensity of the beam towards points, relative to its maximum; without a beam, 1.
+
+        ``to_light``: Unit vectors from the points towards the lamp, shape (n, 3).
+        """
+        if self.beam is None:
+            return np.ones(len(to_light))
+        along, across, down = (-(to_light @ vector) for vector in (self.axis, self.beam.across, self.beam.down))
+        vertical, horizontal = np.arctan2(np.hypot(across, down), along), np.arctan2(down, across)
+        return self.beam.distribution.at(np.rad2deg(vertical), np.rad2deg(horizontal))
 
     def outline_mm(self) -> NDArray[np.float64]:
         """Return points of the lamp, shape (n, 3): its centre unless it is a ring, and points on its outline."""
@@ -105,6 +140,55 @@ class Lamp:
             return across <= inner and down <= outer
         return inner <= float(np.hypot(across, down)) <= outer
 
+    def is_crossed_by(self, corners_mm: NDArray[np.float64]) -> bool:
+        """Return whether any of the triangles, shape (n, 3, 3), passes through a lamp with a size."""
+        if self.area is None or self.position_mm is None:
+            return False
+        away, (inner, outer) = corners_mm - self.position_mm, self.area.sizes_mm
+        if self.area.shape == "sphere":
+            return bool((_distance_from_origin(away) < (1 - _THIN) * outer).any())
+        height = away @ self.axis
+        cut = away[(height.min(axis=1) < -_THIN * outer) & (height.max(axis=1) > _THIN * outer)]
+        for triangle in cut @ np.stack([self.area.across, self.area.down, self.axis], axis=1):
+            # Where two of the sides pass through the plane of the lamp.
+            sides = [(one, other) for one, other in zip(triangle, np.roll(triangle, 1, axis=0), strict=True)]
+            begin, end = (
+                one[:2] + one[2] / (one[2] - other[2]) * (other[:2] - one[:2])
+                for one, other in sides
+                if (one[2] > 0) != (other[2] > 0)
+            )
+            step = end - begin
+            if self.area.shape == "rectangle":
+                if _enters_rectangle(begin, step, np.array(self.area.sizes_mm)):
+                    return True
+                continue
+            share = float(np.clip(-begin @ step / max(float(step @ step), 1e-300), 0, 1))
+            nearest, farthest = np.linalg.norm(begin + share * step), max(np.linalg.norm(begin), np.linalg.norm(end))
+            if nearest < outer and farthest > inner:
+                return True
+        return False
+
+
+def _enters_rectangle(begin: NDArray[np.float64], step: NDArray[np.float64], half: NDArray[np.float64]) -> bool:
+    """Return whether a line from a place on, by a step, enters a rectangle of half a width and height."""
+    step = np.where(np.abs(step) < _TINY, _TINY, step)
+    bounds = np.stack([(-half - begin) / step, (half - begin) / step])
+    return max(float(bounds.min(axis=0).max()), 0.0) < min(float(bounds.max(axis=0).min()), 1.0)
+
+
+def _distance_from_origin(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the distance of triangles, shape (n, 3, 3), from the origin, shape (n,)."""
+    sides = np.roll(triangles, -1, axis=1) - triangles
+    lengths = np.maximum(np.einsum("nck,nck->nc", sides, sides), 1e-300)
+    shares = np.clip(-np.einsum("nck,nck->nc", triangles, sides) / lengths, 0, 1)
+    on_sides = np.linalg.norm(triangles + shares[..., None] * sides, axis=2).min(axis=1)
+    normals = np.cross(sides[:, 0], sides[:, 1])
+    size = np.maximum(np.linalg.norm(normals, axis=1), 1e-300)
+    height = np.einsum("nk,nk->n", triangles[:, 0], normals) / size
+    turns = np.einsum("nck,nk->nc", np.cross(triangles, np.roll(triangles, -1, axis=1)), normals)
+    over = (turns > 0).all(axis=1)
+    return np.asarray(np.where(over, np.abs(height), on_sides))
+
 
 class LightModel(FrozenModel):
     """Base class of lights."""
@@ -130,6 +214,39 @@ def moved_axis(
     here, there = np.column_stack([np.broadcast_to(field, (2,)) for field in points])
     axis = there - here
     return here, axis / max(float(np.linalg.norm(axis)), 1e-300)
+
+
+def _facing(
+    at: Vector3, direction: Direction | None, target: Vector3 | None, motions: tuple[MotionModel, ...], t: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return position and axis at time t of a lamp with a direction or a target."""
+    ahead = np.asarray(at) + np.asarray(direction) if target is None else np.asarray(target)
+    return moved_axis(motions, at, (ahead[0], ahead[1], ahead[2]), t)
+
+
+def _side_axis(
+    at: Vector3, side: Direction, motions: tuple[MotionModel, ...], axis: NDArray[np.float64], t: float
+) -> NDArray[np.float64]:
+    """Return the unit vector at right angles to the axis at time t, towards a direction at t = 0."""
+    ahead = np.asarray(at) + np.asarray(side)
+    _, across = moved_axis(motions, at, (ahead[0], ahead[1], ahead[2]), t)
+    across = across - (across @ axis) * axis
+    return np.asarray(across / max(float(np.linalg.norm(across)), 1e-300))
+
+
+def _require_axis(at: Vector3, direction: Direction | None, target: Vector3 | None) -> None:
+    if (direction is None) == (target is None):
+        msg = "specify either direction or target_mm"
+        raise ValueError(msg)
+    if target == at:
+        msg = "target_mm must differ from position_mm: the lamp would face nowhere"
+        raise ValueError(msg)
+
+
+def _require_side(axis: NDArray[np.float64], side: Direction, name: str) -> None:
+    if not float(np.linalg.norm(np.cross(axis, side))) > _PARALLEL * float(np.linalg.norm(side)):
+        msg = f"{name} must not be parallel to the axis of the lamp"
+        raise ValueError(msg)
 
 
 class DirectionalLight(LightModel):
@@ -221,6 +338,52 @@ class SpotLight(LightModel):
         return Lamp(at, axis, as_number(self.irradiance), self.reference_distance_mm, float(inner), float(outer))
 
 
+class IesLight(LightModel):
+    """Point light with the angular distribution of a photometric file (IESNA LM-63)."""
+
+    kind: Literal["ies"]
+    """``ies``."""
+    file: InputFile
+    """Path of the IES file: photometry of type C, ``TILT=NONE``; relative paths refer to the directory of the scene
+    file. The intensity is bilinear between the angles of the file, and relative to its maximum.
+    """
+    position_mm: Vector3
+    """World position at t = 0 in mm."""
+    direction: Direction | None = None
+    """Direction of the vertical angle 0 at t = 0, of any length; alternative to ``target_mm``."""
+    target_mm: Vector3 | None = None
+    """World point in the direction of the vertical angle 0 at t = 0."""
+    zero_direction: Direction = (1.0, 0.0, 0.0)
+    """Direction of the horizontal angle 0 at t = 0; its part at right angles to the axis counts. Horizontal angles
+    increase counter-clockwise, as seen from behind the lamp along the axis.
+    """
+    irradiance: BandNonNegative
+    """Irradiance E at normal incidence at ``reference_distance_mm``, in the direction of the maximum intensity, for all
+    bands or for each.
+    """
+    reference_distance_mm: Positive
+    """Distance from the lamp at which ``irradiance`` is specified."""
+    motion: tuple[Motion, ...] = ()
+    """Motion of position and axes; rotations without a specified point are about its position."""
+
+    @model_validator(mode="after")
+    def _axes(self) -> Self:
+        _require_axis(self.position_mm, self.direction, self.target_mm)
+        _require_side(self._facing(0.0)[1], self.zero_direction, "zero_direction")
+        return self
+
+    def _facing(self, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return _facing(self.position_mm, self.direction, self.target_mm, self.motion, t)
+
+    def lamp(self, t: float) -> Lamp:
+        """Return the light at time t, see `LightModel`; raises a SceneError for a file that cannot be read."""
+        at, axis = self._facing(t)
+        across = _side_axis(self.position_mm, self.zero_direction, self.motion, axis, t)
+        beam = LampBeam(load_distribution(Path(self.file)), across, np.cross(across, axis))
+        irradiance = as_number(self.irradiance)
+        return Lamp(at, axis, irradiance, self.reference_distance_mm, EVERYWHERE, EVERYWHERE, beam=beam)
+
+
 class _FlatLight(LightModel):
     """Base class of flat lamps, which emit equal radiance into the half space in front of them (Lambert)."""
 
@@ -239,19 +402,12 @@ class _FlatLight(LightModel):
 
     @model_validator(mode="after")
     def _one_axis(self) -> Self:
-        if (self.direction is None) == (self.target_mm is None):
-            msg = "specify either direction or target_mm"
-            raise ValueError(msg)
-        if self.target_mm == self.position_mm:
-            msg = "target_mm must differ from position_mm: the lamp would face nowhere"
-            raise ValueError(msg)
+        _require_axis(self.position_mm, self.direction, self.target_mm)
         return self
 
     def _facing(self, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return position and axis at time t."""
-        at = np.asarray(self.position_mm)
-        ahead = at + np.asarray(self.direction) if self.target_mm is None else np.asarray(self.target_mm)
-        return moved_axis(self.motion, self.position_mm, (ahead[0], ahead[1], ahead[2]), t)
+        return _facing(self.position_mm, self.direction, self.target_mm, self.motion, t)
 
     def _round(self, t: float, inner_mm: float, outer_mm: float) -> Lamp:
         """Return a disc or ring at time t."""
@@ -313,21 +469,13 @@ class RectangleLight(_FlatLight):
 
     @model_validator(mode="after")
     def _width(self) -> Self:
-        _, axis = self._facing(0.0)
-        width = np.asarray(self.width_direction)
-        if not float(np.linalg.norm(np.cross(axis, width))) > _PARALLEL * float(np.linalg.norm(width)):
-            msg = "width_direction must not be parallel to the axis of the lamp"
-            raise ValueError(msg)
+        _require_side(self._facing(0.0)[1], self.width_direction, "width_direction")
         return self
 
     def lamp(self, t: float) -> Lamp:
         """Return the light at time t, see `LightModel`."""
         at, axis = self._facing(t)
-        start = np.asarray(self.position_mm)
-        side = start + np.asarray(self.width_direction)
-        _, across = moved_axis(self.motion, self.position_mm, (side[0], side[1], side[2]), t)
-        across = across - (across @ axis) * axis
-        across = across / max(float(np.linalg.norm(across)), 1e-300)
+        across = _side_axis(self.position_mm, self.width_direction, self.motion, axis, t)
         width, height = self.size_mm
         x, y = (side / (2 * self.reference_distance_mm) for side in (width, height))
         x_far, y_far = np.hypot(1, x), np.hypot(1, y)

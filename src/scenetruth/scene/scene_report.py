@@ -15,7 +15,7 @@ from scenetruth.bands import as_number
 from scenetruth.camera import build_sensor_chain
 from scenetruth.errors import Problem, SceneError, SceneWarning
 from scenetruth.scene.built_scene import BuiltScene
-from scenetruth.scene.lighting import EVERYWHERE, Lamp, Lighting
+from scenetruth.scene.lighting import Lamp, Lighting
 from scenetruth.scene.scene_models import Scene, compute_image_times
 from scenetruth.scene.texture import TextureModel
 
@@ -30,9 +30,12 @@ _GENERIC_DIRECTION = np.array([0.351938, 0.681273, 0.641873])
 
 
 def find_lighting_problems(scene: Scene, world: BuiltScene, times: Sequence[float] | None = None) -> list[Problem]:
-    """Return the problems of a scene's lighting: lights inside closed objects or at the camera, brightness below 0."""
+    """Return the problems of a scene's lighting: brightness below 0, and lamps in objects or at the camera."""
     # Positions and directions are the same in all bands.
     lighting = scene.band_scenes()[0].lighting
+    unread = _unread_lamps(lighting)
+    if unread:
+        return unread
     times = [float(t) for t in scene.frames.t] if times is None else times
     problems = []
     brightness = [lighting.brightness(t) for t in times]
@@ -47,20 +50,23 @@ def find_lighting_problems(scene: Scene, world: BuiltScene, times: Sequence[floa
     closed = [_is_closed(body.positions_at(0.0), body.faces) for body in world.bodies]
     found: set[tuple[int, int]] = set()
     for t in times:
-        places = [body.positions_at(t) if shut else None for body, shut in zip(world.bodies, closed, strict=True)]
-        for number, lamp in enumerate(lighting.lamps_at(t)):
-            if lamp.position_mm is None:
+        lamps = [(number, lamp) for number, lamp in enumerate(lighting.lamps_at(t)) if lamp.position_mm is not None]
+        for index, body in enumerate(world.bodies):
+            if not closed[index] and all(lamp.area is None for _, lamp in lamps):
                 continue
-            for index, body in enumerate(world.bodies):
-                corners = places[index]
-                if corners is None or (number, index) in found:
+            corners = body.positions_at(t)
+            for number, lamp in lamps:
+                if (number, index) in found:
                     continue
-                if any(_is_inside(point, corners, body.faces) for point in lamp.outline_mm()):
-                    found.add((number, index))
-                    part = "light is" if lamp.area is None else "lamp is, at least in part,"
-                    message = f"the {part} inside '{body.name}' at frame {t:g}; move it outside"
-                    where = tuple(round(float(value), 6) for value in lamp.position_mm)
-                    problems.append(Problem(f"lighting.lights.{number}.position_mm", message, where))
+                inside = closed[index] and any(_is_inside(point, corners, body.faces) for point in lamp.outline_mm())
+                if not inside and not lamp.is_crossed_by(corners[body.faces]):
+                    continue
+                found.add((number, index))
+                part = "light is inside" if lamp.area is None else "lamp is, at least in part, inside"
+                part, remedy = (part, "move it outside") if inside else ("lamp is crossed by", "move it away")
+                message = f"the {part} '{body.name}' at frame {t:g}; {remedy}"
+                where = tuple(round(float(value), 6) for value in np.asarray(lamp.position_mm))
+                problems.append(Problem(f"lighting.lights.{number}.position_mm", message, where))
     return problems
 
 
@@ -105,6 +111,18 @@ def _material_warnings(scene: Scene) -> list[str]:
     return [f"material: no effect on {', '.join(names)}, because the scene is unlit; add lights or ambient light"]
 
 
+def _unread_lamps(lighting: Lighting) -> list[Problem]:
+    """Return the problems of photometric files."""
+    problems = []
+    for number, light in enumerate(lighting.lights):
+        try:
+            light.lamp(0.0)
+        except SceneError as error:
+            where = f"lighting.lights.{number}"
+            problems += [Problem(f"{where}.{each.path}", each.message, each.value) for each in error.problems]
+    return problems
+
+
 def _lamps_at_camera(scene: Scene, times: Sequence[float]) -> list[Problem]:
     """Return the problems of lamps with a size through which the camera looks."""
     found: dict[int, Problem] = {}
@@ -140,7 +158,7 @@ def _lost_lamps(lighting: Lighting, times: Sequence[float]) -> list[Problem]:
     lost: dict[int, Problem] = {}
     for t in times:
         for number, lamp in enumerate(lighting.lamps_at(t)):
-            directed = lamp.position_mm is None or lamp.cos_outer > EVERYWHERE or _is_flat(lamp)
+            directed = lamp.position_mm is None or lamp.directed or _is_flat(lamp)
             shines = not directed or abs(float(np.linalg.norm(lamp.axis)) - 1) < _UNSTEADY
             if not shines or not (lamp.position_mm is None or np.isfinite(lamp.position_mm).all()):
                 message = f"position or direction of the light overflows at frame {t:g}; reduce the rate"

@@ -141,6 +141,8 @@ def compute_irradiance(scene: Scene, points_mm: Array, normals: Array) -> Array:
         part = part * np.maximum(-(normals * beam).sum(axis=1), 0.0)
         if lamp.area is not None and lamp.area.shape != "sphere":
             part = part * np.maximum(beam @ lamp.axis, 0.0)
+        if lamp.beam is not None:
+            part = part * lamp.relative_intensity(-beam)
         if lamp.cos_inner > -1.0:
             span = max(lamp.cos_inner - lamp.cos_outer, 1e-12)
             share = np.clip((beam @ lamp.axis - lamp.cos_outer) / span, 0.0, 1.0)
