@@ -22,6 +22,7 @@ import scenetruth as st
 from scenetruth.compilation import thread_count
 from scenetruth.provenance import scene_hash
 from scenetruth.truth import TruthTasks
+from tests.helpers.nightly import nightly
 from tests.helpers.scenes import SCENES, cube
 
 SMALL = {"frames": {"count": 2}, "stage": {"positions": 3, "baseline_mm": 5.0}}
@@ -185,6 +186,31 @@ def test_simulation_is_imported_without_what_only_some_scenes_need() -> None:
     code = f"import sys, scenetruth.simulation; print([name for name in {heavy} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+PATH_WITHOUT_DASK = """
+import sys
+import scenetruth as st
+from scenetruth.dataset.samples import compute_truth_statistics
+from tests.helpers.scenes import cube
+
+class NoDask:
+    def find_spec(self, name, path=None, target=None):
+        assert name.partition(".")[0] != "dask", "Dask is imported"
+
+sys.meta_path.insert(0, NoDask())
+recording, truth = st.simulate(cube(), overrides=["camera.width=40", "camera.height=30", "frames.count=2"])
+st.save_store(truth, sys.argv[1])
+print(compute_truth_statistics(st.open_store(sys.argv[1]))["seen_share"] > 0)
+"""
+
+
+@nightly
+def test_neither_simulation_nor_samples_import_dask(tmp_path: Path) -> None:
+    # Where it is installed, xarray imports it to recognise its arrays: half a second of every process.
+    command = [sys.executable, "-W", "ignore", "-c", PATH_WITHOUT_DASK, str(tmp_path / "truth.zarr")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "True", done.stderr
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import itertools
 import math
@@ -9,6 +10,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from unittest import mock
 
 import pytest
@@ -116,3 +118,17 @@ def test_main_figures_have_all_digits_however_narrow_the_terminal(
     assert "…" not in told
     assert re.search(r"Velocity in Z\s+│\s+0\.0123 │\s+0\.00456 │ mm/frame", told)
     assert ("7.89 %" in told) is ("91.8 %" in told) is shares
+
+
+@pytest.mark.parametrize("ends", ["with the first task", "without a task", "with an error"])
+def test_garbage_is_collected_as_usual_once_libraries_are_loaded(ends: str) -> None:
+    usual = gc.get_threshold()
+    with suppress(ZeroDivisionError), reporting() as reporter:
+        assert gc.isenabled()
+        assert gc.get_threshold()[0] > 100 * usual[0]
+        if ends == "with the first task":
+            reporter("render", 0, 2)
+            assert gc.get_threshold() == usual
+        elif ends == "with an error":
+            raise ZeroDivisionError
+    assert gc.get_threshold() == usual

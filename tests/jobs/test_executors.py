@@ -11,12 +11,14 @@ import sys
 import time
 import warnings
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
+from scenetruth import compilation
 from scenetruth.dataset.generation import read_status, run_dataset
 from scenetruth.dataset.layout import DatasetFolder
 from scenetruth.dataset.recipe_loader import Recipe
@@ -39,6 +41,21 @@ def test_one_worker_starts_no_process() -> None:
     assert isinstance(create_executor(), SerialExecutor)
     assert isinstance(create_executor(2), ProcessExecutor)
     assert resolve_workers(-1) >= 1
+
+
+@nightly
+def test_workers_have_the_variables_of_their_parent_and_nothing_else_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(JobFolder, "mark", True, raising=False)
+    for number in ("1", "2"):
+        monkeypatch.setenv("SCENETRUTH_PROBE", number)
+        with closing(ProcessExecutor(2, threads=1)) as workers:
+            assert workers.submit(os.getenv, "SCENETRUTH_PROBE").result() == number
+            assert workers.submit(os.getenv, "NUMBA_NUM_THREADS").result() == "1"
+            assert workers.submit(compilation.thread_count).result() == 1
+            assert not workers.submit(hasattr, JobFolder, "mark").result()
+    monkeypatch.delenv("SCENETRUTH_PROBE")
+    with closing(ProcessExecutor(2)) as workers:
+        assert workers.submit(os.getenv, "SCENETRUTH_PROBE").result() is None
 
 
 def test_errors_of_a_task_are_returned() -> None:

@@ -138,7 +138,7 @@ def test_a_script_that_cannot_start_processes_is_told_so(tmp_path: Path) -> None
     """Without the usual guard, every process would run the script again."""
     script = tmp_path / "script.py"
     recipe = "from tests.helpers.small_recipes import RECIPE\nimport scenetruth as st\n"
-    run = f"st.run_dataset(st.Recipe.from_dict(RECIPE).recipe, output={str(tmp_path / 'new')!r}, workers=2)\n"
+    run = f"st.run_dataset(RECIPE, output={str(tmp_path / 'new')!r}, workers=2)\n"
     script.write_text(recipe + run, encoding="utf-8")
     ended = subprocess.run(
         [sys.executable, str(script)],

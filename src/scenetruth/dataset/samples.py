@@ -80,10 +80,11 @@ _STILL = 1e-9
 
 def compute_truth_statistics(truth: xr.Dataset) -> dict[str, Any]:
     """Return statistics of a truth."""
-    at = {name: 0 for name in ("t", "s", "s_y") if name in truth["depth"].dims}
+    at = {dim: truth.indexes[dim].get_loc(0) for dim in ("t", "s", "s_y") if dim in truth["depth"].dims}
     names = ("depth", "disparity", "flow", "velocity", "growth_rate", "object_id", "occluded_across_cameras", "mixed")
-    here = truth[[name for name in names if name in truth]].sel(at).load()
-    maps = {str(name): np.asarray(values) for name, values in here.items()}
+    # Selecting by label, xarray would import Dask, see `with_indexes`.
+    given = {name: truth.variables[name] for name in names if name in truth}
+    maps = {name: item.isel(at, missing_dims="ignore").values for name, item in given.items()}
     seen = maps["object_id"] >= 0
     depth, disparity = maps["depth"][seen], maps["disparity"][seen]
     speed = np.hypot(*maps["flow"])[seen]

@@ -27,8 +27,10 @@ __all__ = [
 _VARIABLES = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLOSC_NTHREADS")
 
 
-def start_worker(threads: int) -> None:
-    """Prepare a spawned process."""
+def start_worker(threads: int, environment: Mapping[str, str]) -> None:
+    """Prepare a new process; ``environment``: Variables of its parent, which may have changed before it was forked."""
+    os.environ.clear()
+    os.environ.update(environment)
     # Ctrl-C is sent to every process of the terminal; the parent handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     limit_threads(threads)

@@ -40,6 +40,7 @@ from scenetruth.schema.variables import (
     Variable,
     describe_variable,
     label,
+    with_indexes,
 )
 
 __all__ = [
@@ -49,5 +50,5 @@ __all__ = [
     "check_dataset", "check_same_run", "compute_depth_rate", "compute_pixel_grid", "describe_variable", "digest",
     "estimate_hash", "flat_attributes", "image_to_grey", "label", "make_estimate", "make_recording", "put_each",
     "put_estimate", "read_acquisition", "read_intrinsics", "read_lineage", "read_object_names", "read_scene",
-    "tolerance_attributes",
+    "tolerance_attributes", "with_indexes",
 ]  # fmt: skip

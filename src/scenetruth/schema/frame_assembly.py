@@ -57,7 +57,10 @@ class IncrementalDataset:
         """Return the filled data set, which shares the arrays."""
         variables = {name: self._blank.variables[name] for name in self._arrays}
         return self._blank.assign(
-            {name: (item.dims, self._arrays[name], item.attrs) for name, item in variables.items()}
+            {
+                name: xr.Variable(item.dims, self._arrays[name], item.attrs, fastpath=True)
+                for name, item in variables.items()
+            }
         )
 
 

@@ -101,7 +101,7 @@ def validity_variable(name: str, values: NDArray[Any]) -> xr.Variable:
     """Return a map with the dimensions and attributes of its variable."""
     entry = VARIABLES["estimate"][name]
     attrs = {"units": entry.units, "long_name": entry.long_name, **(entry.attrs or {})}
-    return xr.Variable(entry.dims, values, attrs)
+    return xr.Variable(entry.dims, values, attrs, fastpath=True)
 
 
 def excluded_pixels(recording: xr.Dataset, t: ArrayLike) -> NDArray[np.bool_] | None:

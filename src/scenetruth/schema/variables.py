@@ -35,6 +35,7 @@ __all__ = [
     "Variable",
     "describe_variable",
     "label",
+    "with_indexes",
 ]
 
 
@@ -401,7 +402,7 @@ def label(
     for name, array in arrays.items():
         values = np.asarray(array)
         dims = _list_dims(kind, VARIABLES[kind][name], values.ndim, rows=stage_y_mm is not None)
-        variables[name] = xr.Variable(dims, values, describe_variable(kind, name))
+        variables[name] = xr.Variable(dims, values, describe_variable(kind, name), fastpath=True)
     sizes = {dim: size for variable in variables.values() for dim, size in variable.sizes.items()}
     # Coordinates are copied so that they share no memory with the caller's arrays.
     frames = np.array(t, dtype=np.int64)
@@ -428,13 +429,13 @@ def label(
             coordinates[name] = (name, names)
     if "rank" in sizes:
         coordinates["rank"] = ("rank", np.arange(1, sizes["rank"] + 1))
-    dataset = xr.Dataset(
-        variables,
-        coords={
-            name: xr.Variable(dim, values, {"units": COORDINATES[name][0], "long_name": COORDINATES[name][1]})
-            for name, (dim, values) in coordinates.items()
-        },
-    )
+    described = {
+        name: xr.Variable(
+            dim, np.asarray(values), {"units": COORDINATES[name][0], "long_name": COORDINATES[name][1]}, fastpath=True
+        )
+        for name, (dim, values) in coordinates.items()
+    }
+    dataset = xr.Dataset(variables, coords=with_indexes(described))
     dataset.attrs = {
         "scenetruth": kind,
         "format": FORMAT_VERSION,
@@ -442,6 +443,22 @@ def label(
         **(attrs or {}),
     }
     return dataset
+
+
+def with_indexes(variables: Mapping[str, xr.Variable]) -> xr.Coordinates:
+    """Return coordinates with the indexes that xarray creates, which imports Dask for it, if that is installed.
+
+    The import takes half a second of every process; Dask's arrays have no place in coordinates.
+    """
+    import pandas as pd
+
+    found: dict[str, xr.Variable] = dict(variables)
+    indexes = {}
+    for name, variable in variables.items():
+        if variable.dims == (name,):
+            indexes[name] = xr.indexes.PandasIndex(pd.Index(variable.values), name, coord_dtype=variable.dtype)
+            found |= indexes[name].create_variables({name: variable})
+    return xr.Coordinates(found, indexes)
 
 
 def _list_dims(kind: str, entry: Variable, count: int, *, rows: bool) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from xarray.backends import BackendArray
 from xarray.core import indexing
 
 from scenetruth.errors import RecordingError, StoreError
-from scenetruth.schema import FORMAT_VERSION, check_dataset
+from scenetruth.schema import FORMAT_VERSION, check_dataset, with_indexes
 from scenetruth.storage.store_files import (
     CHECKSUM_ATTRIBUTE,
     ROOT,
@@ -133,7 +133,7 @@ def open_store(path: str | Path, *, kind: StoreKind | None = None) -> xr.Dataset
     coords = {name: variable for name, variable in variables.items() if name in auxiliary or variable.dims == (name,)}
     data = {name: variable for name, variable in variables.items() if name not in coords}
     try:
-        dataset = xr.Dataset(data, coords, attributes)
+        dataset = xr.Dataset(data, with_indexes(coords), attributes)
         check_dataset(dataset, str(attributes["scenetruth"]))
     except (RecordingError, ValueError) as error:
         raise StoreError(path, f"does not follow the data model: {error}") from error
