@@ -6,6 +6,10 @@ export PATH
 
 .PHONY: help setup demo test accuracy nightly browser bench results docs gallery lint format clean
 
+# What is imported is compiled once for all processes, also where Python is asked to keep no bytecode: else each of the
+# many that tests start compiles all of its modules anew, and asserts of tests once more.
+demo lint test accuracy nightly browser bench docs gallery format: export PYTHONDONTWRITEBYTECODE :=
+
 help:
 	@echo "make demo    environment, then the noise cube: render, estimate, score, report (outputs/cube/report.html)"
 	@echo "make test    environment, then lint, types and all tests"
