@@ -102,7 +102,9 @@ install() {
     [ -z "${PYTHONDONTWRITEBYTECODE:-}" ] || bytecode=--compile
     # Whatever went wrong the quick way, the plain way mends it or tells.
     install_beside "$2" 2>/dev/null || { wait; pip install "${quiet[@]}" "$bytecode" -e ".[$2]"; }
-    rm -rf .venv/wheels
+    # What is installed has its metadata in .venv. With a second copy next to the sources, where the build leaves it,
+    # pytest rewrites the asserts of all modules, and compiles each a second time.
+    rm -rf .venv/wheels src/scenetruth.egg-info
     printf '%s\n' "$wanted" >".venv/scenetruth-$1"
 }
 wanted=$(cksum pyproject.toml; pwd; release)

@@ -257,9 +257,11 @@ def test_missing_pieces_are_named(tmp_path: Path) -> None:
 
 def test_ctrl_c_during_a_render_leaves_nothing_behind(scene_file: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-u", "-m", "scenetruth", "run", str(scene_file), "-o", str(tmp_path / "cube")]
-    command += ["--set", "render.supersampling=16"]
+    # So many frames that a busy machine does not finish them before it is interrupted.
+    command += ["--set", "render.supersampling=16", "--set", "frames.count=60"]
     environment = {**os.environ, "FORCE_COLOR": "1"}  # draws the progress as on a terminal
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
+    # The letters read first may end within one of several bytes.
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, errors="replace", env=environment)
     assert process.stderr is not None
     shown = ""
     while "render" not in shown:

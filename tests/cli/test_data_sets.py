@@ -109,6 +109,7 @@ def test_the_schema_describes_every_kind() -> None:
     assert schema["properties"]["distributions"]["description"]
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_a_card_from_before_is_told_of(tmp_path: Path) -> None:
     assert "out of date" not in call("run", written(tmp_path, samples=1), "-o", tmp_path / "tiles")
     call("card", tmp_path / "tiles")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pandas as pd
+import pytest
 import yaml
 
 from tests.helpers.budget_scenes import laboratory
@@ -89,6 +90,7 @@ NEAREST = "tests.helpers.sweep_scenes:nearest"
 RESULTS = {"index.html", "results.csv", "sweep.json", "plots", "points"}
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_a_sweep_is_made_and_goes_on(tmp_path: Path) -> None:
     file, out = tmp_path / "wall.yaml", tmp_path / "out"
     file.write_text(yaml.safe_dump(scene()))

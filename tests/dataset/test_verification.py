@@ -22,6 +22,10 @@ from scenetruth.errors import StoreError
 from tests.helpers.flipped_bits import flipped_bit, read_everything, select_bits
 from tests.helpers.nightly import nightly
 from tests.helpers.small_recipes import RECIPE, SCENE
+from tests.helpers.undrawn_figures import leave_undrawn
+
+# Cards are drawn in `tests.dataset.pages`.
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
 
 DEPTH = "objects.1.pose.position_mm.2"
 
@@ -41,7 +45,9 @@ def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         return folder
     st.run_dataset(recipe(layout=request.param, samples_per_shard=2), output=folder)
     st.estimate_dataset(folder)
-    st.write_card(folder)
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        leave_undrawn(monkeypatch)
+        st.write_card(folder)
     return folder
 
 
@@ -63,8 +69,8 @@ def check_flips(folder: Path, count: int, seed: int) -> dict[str, int]:
 
 @pytest.mark.filterwarnings("ignore")
 def test_every_flipped_bit_that_changes_a_value_is_found(made: Path) -> None:
-    counts = check_flips(made, 15, 1)
-    assert counts["found"] > 10
+    counts = check_flips(made, 9, 1)
+    assert counts["found"] > 6
 
 
 @nightly

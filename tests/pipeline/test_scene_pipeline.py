@@ -18,6 +18,9 @@ from tests.helpers.killed_runs import Killer
 from tests.helpers.nightly import by_day, nightly
 from tests.helpers.scenes import FIGURES, SMALL_CUBE, cube
 
+# Figures are drawn in `tests.scoring.figures`, and those of a whole run by the fixture that tests share.
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
+
 
 def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}

@@ -102,6 +102,7 @@ def test_card(dataset: Path) -> None:
     assert files(dataset) == first
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 @READS_WITH_OLD_CALLS
 def test_croissant_is_valid_and_its_records_are_the_catalogue(dataset: Path, warned: pytest.LogCaptureFixture) -> None:
     mlcroissant = pytest.importorskip("mlcroissant")
@@ -132,6 +133,7 @@ def plain(value: Any) -> Any:
     return value
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_croissant_tells_what_is_there(dataset: Path) -> None:
     write_card(dataset, **PUBLISHED)
     told = json.loads((dataset / "croissant.json").read_text(encoding="utf-8"))
@@ -149,6 +151,7 @@ def test_croissant_tells_what_is_there(dataset: Path) -> None:
     assert "objects" in records["description"]
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 @READS_WITH_OLD_CALLS
 def test_what_a_recipe_leaves_out_is_told(dataset: Path) -> None:
     mlcroissant = pytest.importorskip("mlcroissant")
@@ -174,6 +177,7 @@ def test_every_column_is_described(made: Path) -> None:
         assert describe_column(name, sampler) != name.replace("_", " ")
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_reading_it_works_as_the_card_says(dataset: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_card(dataset)
     code = (dataset / "card.md").read_text(encoding="utf-8").partition("```python\n")[2].partition("```")[0]
@@ -192,6 +196,7 @@ def test_a_part_of_a_data_set_has_no_card(dataset: Path) -> None:
         write_card(dataset / "samples")
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_nothing_half_written_stays(dataset: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_text = Path.write_text
 
@@ -228,6 +233,7 @@ def test_publication_has_its_form(given: dict[str, str], where: str) -> None:
         Publication(**given)
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_command(dataset: Path) -> None:
     done = scenetruth("dataset", "card", dataset, "--date", "2026-11-23")
     assert done.returncode == 0

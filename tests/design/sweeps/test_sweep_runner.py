@@ -25,6 +25,9 @@ from scenetruth.estimators.method_specs import MethodSpec, parse_methods
 from tests.helpers.nightly import nightly
 from tests.helpers.sweep_scenes import DEPTH_MM, METHOD, failing, nearest, scene
 
+# Plots are drawn in `tests.design.sweeps.test_sweep_report`.
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
+
 NOISE = "sensor.noise_std"
 BASELINE = "stage.baseline_mm"
 # Windows of 3 px are independent at 4π 3² px each: 1300 px that are told, with two seeds, make 23 of them, whose rms
