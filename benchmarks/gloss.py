@@ -200,7 +200,7 @@ BODIES: dict[str, dict[str, Any]] = {
 }
 """Bodies; pixels are 1.25 mm wide."""
 SAMPLINGS = ("auto", 12)
-"""Values of `render.supersampling`. Automatic numbers of samples do not resolve the light on facets."""
+"""Values of `render.supersampling`."""
 SURFACES: dict[str, dict[str, Any]] = {
     "matt": {},
     "black, n = 1.5, α = 0.3": {"refractive_index": 1.5, "roughness": 0.3},

@@ -16,14 +16,14 @@ from PIL import Image
 import scenetruth as st
 from scenetruth.camera import Viewpoint
 from scenetruth.render import choose_renderer
-from scenetruth.render.adaptive_raycast import AdaptiveRenderer, _block_bends
+from scenetruth.render.adaptive_raycast import AdaptiveRenderer
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.scene.texture import Picture
 from scenetruth.validation_studies.rendering_accuracy import noise_plane, reference_image
 from tests.helpers.blurred_edges import edge_displacement, edge_normal
 from tests.helpers.faceted_surfaces import ball, relief, scene_of, world_of
 from tests.helpers.nightly import by_night
+from tests.helpers.pixel_areas import area_beyond
 
 ON_AXIS = Viewpoint.on_axis(0.0)
 
@@ -182,20 +182,6 @@ def test_ambient_light_without_lamps_is_the_same_everywhere() -> None:
         np.testing.assert_array_equal(image, np.float32(0.625))
 
 
-def area_beyond(normal: NDArray[np.float64], distance: float) -> float:
-    """Return the area of the unit square around 0 where normal . p > distance, by clipping it."""
-    square = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
-    height, kept = square @ normal - distance, []
-    for k in range(4):
-        one, two = height[k - 1], height[k]
-        if (one > 0) != (two > 0):
-            kept.append(square[k - 1] + one / (one - two) * (square[k] - square[k - 1]))
-        if two > 0:
-            kept.append(square[k])
-    x, y = np.array(kept).reshape(-1, 2).T
-    return float(abs(np.sum(np.roll(x, 1) * y - np.roll(y, 1) * x)) / 2)
-
-
 def shaded_floor(angle_deg: float, distance: float, *, beyond_mm: float = 0.0) -> st.Scene:
     """Return a floor of 1 mm per px, with the border of a shadow at a distance from the middle of the image.
 
@@ -240,31 +226,6 @@ def test_a_sheet_behind_the_floor_casts_no_shadow_on_it() -> None:
     )
     np.testing.assert_array_equal(hidden, image_of(alone))
     assert np.ptp(hidden) < 1e-6 < np.ptp(image_of(shaded_floor(20.0, 1.3)))
-
-
-@pytest.mark.parametrize("tiled", [True, False])
-@pytest.mark.parametrize("shape", [(16, 24), (13, 30), (521, 9)])
-def test_bends_of_blocks_are_rms_second_differences(shape: tuple[int, int], tiled: bool) -> None:
-    texture = Picture(np.random.default_rng(shape[0]).random(shape).astype(np.float32), tiled)
-    found = _block_bends(texture)
-    assert found.shape == (-(-shape[0] // 8), -(-shape[1] // 8))
-    for row, column in np.ndindex(found.shape):
-        # Texels of the block and the first of the next, which may lie beyond the border.
-        y, x = np.meshgrid(8 * row + np.arange(9), 8 * column + np.arange(9), indexing="ij")
-        if not tiled:
-            y, x = np.minimum(y, shape[0] - 1), np.minimum(x, shape[1] - 1)
-
-        def at(down: int, right: int, y: Any = y, x: Any = x) -> NDArray[np.float64]:
-            uv = np.stack([(x + right + 0.5) / shape[1], (y + down + 0.5) / shape[0]], axis=-1)
-            return texture.radiance(uv.reshape(-1, 2)).astype(np.float64)
-
-        bends = [at(-dy, -dx) - 2 * at(0, 0) + at(dy, dx) for dy, dx in ((0, 1), (1, 0))]
-        expected = rms(np.max(np.abs(bends), axis=0))
-        if tiled and (shape[0] % 8 or shape[1] % 8):
-            # Blocks beyond the border of a tile are between two blocks.
-            assert found[row, column] >= expected - 1e-5
-        else:
-            assert found[row, column] == pytest.approx(expected, abs=1e-5)
 
 
 def test_image_textures_are_exact_to_the_stated_error(tmp_path: Path) -> None:

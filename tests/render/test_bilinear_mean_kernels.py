@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from scenetruth.camera import Viewpoint
 from scenetruth.raycast import ImageRays, RayCaster, TexturedMesh
-from scenetruth.render.adaptive_raycast import _raster_of
 from scenetruth.render.bilinear_mean_kernels import MOST_CORNERS, MOST_TEXELS, average_bilinear, polygon_mean
 from scenetruth.render.footprint_kernels import Footprints, LampLight, average_footprints
+from scenetruth.render.footprint_rules import raster_of
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.render.sampling_rules import even_rule, square_rule
 from scenetruth.scene.texture import Picture
@@ -101,7 +101,7 @@ def test_means_across_facets_agree_with_many_samples(lamps: int) -> None:
     rays = ImageRays(origin, renderer._directions, renderer._across, renderer._down, hits.face, 64)
     mesh = TexturedMesh(caster.vertices_mm, world.faces, caster.topology.face_neighbours, world.face_body, world.uv)
     generator = np.random.default_rng(2)
-    raster = _raster_of(Picture(generator.random((50, 70)).astype(np.float32), True))
+    raster = raster_of(Picture(generator.random((50, 70)).astype(np.float32), True))
     assert raster is not None
     pixels, count = np.flatnonzero(hits.face >= 0), 48
     light = np.where(generator.random((len(world.faces), lamps)) < 0.5, 1.0, -1.0)

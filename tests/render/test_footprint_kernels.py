@@ -10,8 +10,8 @@ import pytest
 from scenetruth.camera import Viewpoint
 from scenetruth.raycast import ImageRays, RayCaster, TexturedMesh
 from scenetruth.raycast.hit_kernels import walk_footprints
-from scenetruth.render.adaptive_raycast import _raster_of
 from scenetruth.render.footprint_kernels import Footprints, LampLight, average_footprints, sample_raster
+from scenetruth.render.footprint_rules import raster_of
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.render.sampling_rules import gauss_rule, square_rule
 from scenetruth.scene.texture import Picture
@@ -33,7 +33,7 @@ def test_means_equal_walked_samples(cubic: bool, lamps: int) -> None:
     mesh = TexturedMesh(caster.vertices_mm, world.faces, caster.topology.face_neighbours, world.face_body, world.uv)
     generator = np.random.default_rng(2)
     texture: Any = world.bodies[0].texture if cubic else Picture(generator.random((50, 70)).astype(np.float32), True)
-    raster = _raster_of(texture)
+    raster = raster_of(texture)
     assert raster is not None
     pixels = np.flatnonzero(hits.face >= 0)
     offsets, weights = square_rule(*gauss_rule(3))
@@ -70,7 +70,7 @@ def test_next_to_other_bodies_walks_end_at_intersecting_faces_only() -> None:
     hits = caster.cast(origin, renderer._directions, grid_width=64)
     rays = ImageRays(origin, renderer._directions, renderer._across, renderer._down, hits.face, 64)
     mesh = TexturedMesh(caster.vertices_mm, world.faces, caster.topology.face_neighbours, world.face_body, world.uv)
-    raster, pixels = _raster_of(world.bodies[0].texture), np.flatnonzero(hits.face >= 0)
+    raster, pixels = raster_of(world.bodies[0].texture), np.flatnonzero(hits.face >= 0)
     assert raster is not None
     offsets, weights = square_rule(*gauss_rule(2))
     every, none = np.zeros(len(pixels), dtype=np.int64), LampLight(np.empty((0, 0)), np.empty(0, dtype=np.uint64), 0.0)

@@ -11,15 +11,17 @@ from scenetruth.kernels import kernel
 from scenetruth.raycast.edge_kernels import sort_first
 from scenetruth.threads import in_bands
 
-__all__ = ["MOST_EDGES", "cut_pixels"]
+__all__ = ["MOST_CUTS", "MOST_EDGES", "cut_pixels"]
 
 MOST_EDGES = 12
+"""Maximum number of edges in a pixel that is cut along all of them, hidden or not."""
+MOST_CUTS = 32
 """Maximum number of edges in a pixel that is cut."""
 
 _LEAST = 256  # minimum number of pixels per thread
 _THIN = 1e-9  # width in px below which a cell is ignored
 # At most this many lines bound slabs: the border, both ends of each edge, and the crossings of two edges.
-_MOST_BOUNDS = 2 + 2 * MOST_EDGES + MOST_EDGES * (MOST_EDGES - 1) // 2
+_MOST_BOUNDS = 2 + 2 * MOST_CUTS + MOST_CUTS * (MOST_CUTS - 1) // 2
 
 
 def cut_pixels(
@@ -35,7 +37,7 @@ def cut_pixels(
 
     ``ends``: Ends x0, y0, x1, y1 of the edges relative to the pixel centre, in px, shape (k, 4); parts outside the
       pixel are ignored.
-    ``starts``: Index of the first edge of each pixel, and the number of edges, shape (n + 1,); at most `MOST_EDGES`
+    ``starts``: Index of the first edge of each pixel, and the number of edges, shape (n + 1,); at most `MOST_CUTS`
       each.
     ``orders``: Gauss points per pixel along each axis, shape (n,); cells have as many as their size requires.
     ``nodes``, ``weights``: Gauss rules on [-1/2, 1/2] of the orders from 0 to the largest, shape (orders, most).
@@ -98,8 +100,8 @@ def _cut_pixels(
     nodes: NDArray[np.float64], weights: NDArray[np.float64], firsts: NDArray[np.int64],
     offsets: NDArray[np.float64], out: NDArray[np.float64], fill: bool,
 ) -> None:  # fmt: skip
-    lines, bounds = np.empty((MOST_EDGES, 4)), np.empty(_MOST_BOUNDS)
-    cuts = np.empty(MOST_EDGES + 2)
+    lines, bounds = np.empty((MOST_CUTS, 4)), np.empty(_MOST_BOUNDS)
+    cuts = np.empty(MOST_CUTS + 2)
     for pixel in range(low, high):
         used = 0
         for edge in range(starts[pixel], starts[pixel + 1]):

@@ -33,6 +33,7 @@ class PixelLight:
       (height, width).
     ``gloss``: Radiance that does not depend on the texture, shape (height, width); None with matt surfaces and lamps
       without a size only.
+    ``steep``: Pixels in steep penumbrae, shape (height, width); None without lamps with a size.
     """
 
     shade: NDArray[np.float64]
@@ -42,6 +43,7 @@ class PixelLight:
     borders: NDArray[np.bool_]
     blocked: NDArray[np.uint64]
     gloss: NDArray[np.float64] | None = None
+    steep: NDArray[np.bool_] | None = None
 
     def on(self, albedo: NDArray[np.float32], unknown: NDArray[np.bool_], variance_px2: float) -> NDArray[np.float32]:
         """Shade an image of the mean albedo over the pixel footprints, shape (height, width)."""
@@ -143,6 +145,8 @@ class Shader:
         pixels: NDArray[np.int64] | None = None,
         mixed: NDArray[np.bool_] | None = None,
         optics: ReflectionTables | None = None,
+        *,
+        with_states: bool = False,
     ) -> Arrived:
         """Compute the light at ray hits.
 
@@ -152,8 +156,9 @@ class Shader:
         ``pixels``: Pixel of each ray, in an image whose centres have been computed before; shape (n,).
         ``mixed``: Mixed pixels, if the rays are those through the pixel centres of an image; shape (height, width).
         ``optics``: See `Reflection.light`; not with ``pixels``.
+        ``with_states``: Whether state numbers are needed for samples of an image as well.
         """
-        if pixels is not None and not self.simple and (hits.face >= 0).all():
+        if pixels is not None and not self.simple and not with_states and (hits.face >= 0).all():
             origin, lamps = np.asarray(origin_mm, dtype=np.float64), self._lamps_at(t)
             quick = self._reflection.on_samples(caster, lamps, origin, (pixels, hits.face, hits.weights))
             if quick is not None:
@@ -433,7 +438,7 @@ class Shader:
             uneven |= uneven_pixels(gloss, zones, face, mixed, _STEEPEST * max(brightest, float(gloss.max())))[0]
         if not self.simple:
             self._reflection.mark_borders(borders)
-        return PixelLight(shade, face, mixed, uneven, borders, light.blocked.reshape(mixed.shape), gloss)
+        return PixelLight(shade, face, mixed, uneven, borders, light.blocked.reshape(mixed.shape), gloss, steep)
 
     def _smooth(
         self,
