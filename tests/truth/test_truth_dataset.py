@@ -350,3 +350,17 @@ def test_a_truth_of_a_grid_can_be_scored(tmp_path: Any) -> None:
     # Further regions tell which points all cameras see, of which a grid has more.
     assert all(score.regions[name] == expected.regions[name] for name in ("all", "interior"))
     assert score.regions["all"]["depth"]["count"]
+
+
+def test_truth_is_computed_with_one_thread_of_blas() -> None:
+    # Its tasks run in threads of their own: those of BLAS took 4 to 7 % of the time to wait for each other.
+    from threadpoolctl import threadpool_info, threadpool_limits
+
+    counts: list[int] = []
+
+    def progress(what: str, done: int, total: int) -> None:
+        counts.extend(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
+
+    with threadpool_limits(2, user_api="blas"):
+        make_truth(cube(frames={"count": 1}, stage={"positions": 3, "baseline_mm": 5.0}), progress=progress)
+    assert set(counts) == {1}

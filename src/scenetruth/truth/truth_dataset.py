@@ -27,7 +27,7 @@ from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.mesh.mesh_file import FileMesh
 from scenetruth.scene.scene_models import Scene
 from scenetruth.schema import COMPONENTS, VARIABLES, IncrementalDataset, Put, blank_map, label
-from scenetruth.threads import in_order
+from scenetruth.threads import in_order, with_one_blas_thread
 from scenetruth.truth.geometry_maps import Geometries, LightProvider, TruthMaps, truth_by_rows, truth_maps
 from scenetruth.truth.point_tracking import PixelPoints, PointTracker
 
@@ -325,6 +325,7 @@ class TruthTasks:
             progress("truth", done, self.steps)
 
 
+@with_one_blas_thread
 def fill_truth(
     scene: Scene,
     world: BuiltScene,
