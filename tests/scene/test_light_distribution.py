@@ -11,7 +11,9 @@ from hypothesis import strategies as some
 from numpy.typing import NDArray
 
 import scenetruth as st
+from scenetruth.camera import Viewpoint
 from scenetruth.provenance import scene_hash
+from scenetruth.render import choose_renderer
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.light_distribution import load_distribution
 from scenetruth.scene.lighting import Lighting
@@ -71,7 +73,8 @@ def test_irradiance_of_a_plane_by_a_lamp_with_a_power_of_the_cosine(tmp_path: Pa
             "lighting": {"lights": [{**AT, "file": str(file)}]},
         }
     )
-    found = st.simulate(scene, save_radiance=True).recording.radiance.values[0, 0]
+    with choose_renderer(scene, build_scene(scene)).renderer as renderer:
+        found = renderer.render(0.0, Viewpoint.on_axis(0.0))
     x, y = (np.arange(25) - 12) / 20 * 650, (np.arange(21) - 10) / 20 * 650
     cosines = 700 / np.sqrt(x[None] ** 2 + y[:, None] ** 2 + 700**2)
     # The mean over a pixel differs from its centre by the second derivatives times 1/24 px².

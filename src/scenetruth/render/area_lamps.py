@@ -126,6 +126,7 @@ class AreaLamps:
         self._roughness = roughness
         self._shadows = shadows
         self._tree: tuple[RayCaster, SurfaceTree] | None = None
+        self._sides: tuple[RayCaster, NDArray[np.float64], NDArray[np.float64]] | None = None
         self._view: _View | None = None
 
     def begin(
@@ -254,9 +255,12 @@ class AreaLamps:
 
     def _fine_faces(self, caster: RayCaster, origin_mm: NDArray[np.float64], lamps: list[Lamp]) -> NDArray[np.bool_]:
         """Return the flat faces that are small, compared with their distance from camera and lamps, shape (m,)."""
-        corners = caster.vertices_mm[caster.topology.faces]
-        longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-        centres, nearest = corners[:, 0], np.linalg.norm(corners[:, 0] - origin_mm, axis=1)
+        if self._sides is None or self._sides[0] is not caster:
+            corners = caster.vertices_mm[caster.topology.faces]
+            sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+            self._sides = (caster, sides, corners[:, 0].copy())
+        _, longest, centres = self._sides
+        nearest = np.linalg.norm(centres - origin_mm, axis=1)
         for lamp in lamps:
             if lamp.position_mm is None:
                 continue

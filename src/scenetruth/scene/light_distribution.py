@@ -16,10 +16,10 @@ from scenetruth.input_files import describe_missing, regular_file_size
 __all__ = ["LightDistribution", "load_distribution"]
 
 _MAX_BYTES = 20_000_000
-_MOST_ANGLES = 10_000  # of either kind
+_MOST_ANGLES = 10_000  # vertical or horizontal
 _HEADER = 13  # numbers before the angles
 _LEAST_STEP = 1e-6  # degrees between angles
-_MOST_SHOWN = 5  # problems of one kind
+_MOST_SHOWN = 5  # numbers with the same problem
 _WHOLE = 360.0
 
 
@@ -107,7 +107,7 @@ class _Reader:
         self._problems.append(Problem("file", place + message, value))
 
     def _stop(self) -> None:
-        """Raise the problems found so far."""
+        """Raise an error if there are problems."""
         if self._problems:
             raise SceneError(self._problems)
 
