@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -24,6 +25,7 @@ from scenetruth.scene.lighting import Lighting
 from tests.helpers.nightly import by_night, nightly
 
 BANDS = ("red", "green", "nir_850")
+SHARES = ("diffuse", "specular", "transmitted", "ambient")
 
 
 def by_band(*values: Any) -> dict[str, Any]:
@@ -341,6 +343,34 @@ def test_problems_of_bands_are_reported_together() -> None:
         st.Scene.from_dict(plain)
 
 
+@pytest.mark.filterwarnings("ignore::scenetruth.errors.SceneWarning")
+def test_maps_of_light_are_those_of_each_band(tmp_path: Path) -> None:
+    scene = st.Scene.from_dict(coloured(sensor={"noise_std": 0.0}))
+    truth = st.make_truth(scene, truth_content="complete_with_light")
+    assert truth["channel"].values.tolist() == list(BANDS)
+    of_bands = ("surface_radiance", *(f"{name}_share" for name in SHARES), "lit_fraction")
+    for band in BANDS:
+        grey = st.make_truth(scene.in_band(band), truth_content="complete_with_light")
+        for name in of_bands:
+            assert truth[name].dims == ("channel", "t", "y", "x")
+            np.testing.assert_array_equal(truth[name].sel(channel=band), grey[name])
+    st.save_store(truth, tmp_path / "truth.zarr")
+    xr.testing.assert_identical(st.load_store(tmp_path / "truth.zarr").load(), truth)
+
+
+def test_shares_of_light_add_up_to_the_radiance_of_the_image_in_each_band() -> None:
+    """Directional light on a uniform plane: the mean over a pixel is the value at its centre, to single precision."""
+    plain = coloured()
+    plain["lighting"]["lights"] = plain["lighting"]["lights"][:1]
+    plain["objects"] = [{**plain["objects"][0], "texture": {"kind": "uniform", "radiance": 0.4}}]
+    plain["objects"][0]["mesh"] = {"kind": "plane", "size_mm": [900, 900]}
+    found = st.simulate(plain, truth_content="complete_with_light", save_radiance=True)
+    radiance = found.recording["radiance"].sel(s=0).transpose("channel", "t", "y", "x").astype(float)
+    parts = [found.truth[f"{name}_share"] * found.truth["surface_radiance"] for name in SHARES]
+    assert float(radiance.std(["t", "y", "x"]).max()) < 1e-6 < float(radiance.std("channel").min())
+    np.testing.assert_allclose(sum(parts), radiance, rtol=3e-7)
+
+
 def test_surfaces_brighter_than_white_are_refused_with_their_band() -> None:
     plain = coloured()
     plain["objects"][0]["tint"] = by_band(0.2, 1.0, 1.8)
@@ -350,18 +380,11 @@ def test_surfaces_brighter_than_white_are_refused_with_their_band() -> None:
         st.simulate(plain)
 
 
-def test_what_supports_grey_cameras_only_says_so(tmp_path: Path) -> None:
+def test_what_supports_grey_cameras_only_says_so() -> None:
     plain = coloured(sensor={"noise_std": 0.01})
     for refuse in (st.design.predict, st.design.budget):
         with pytest.raises(st.SceneError, match=r"camera\.bands: .*Scene\.in_band"):
             refuse(plain)
-    for light in (
-        lambda: st.simulate(plain, truth_content="complete_with_light"),
-        lambda: st.make_truth(plain, truth_content="complete_with_light"),
-        lambda: st.run_scene(plain, output=tmp_path / "run", truth_content="complete_with_light"),
-    ):
-        with pytest.raises(st.SceneError, match=r"camera\.bands: maps of light are for grey cameras.*Scene\.in_band"):
-            light()
     with pytest.raises(st.SceneError, match=r"render\.backend: OpenGL cannot render bands; use raycast or auto"):
         st.simulate({**plain, "render": {"backend": "pyrender"}})
     with pytest.raises(st.ArgumentError, match=r"band: is not one of the bands of the camera \(red, green, nir_850\)"):

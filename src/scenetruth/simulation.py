@@ -40,12 +40,11 @@ from scenetruth.truth import (
     count_tasks_at_once,
     memory_for,
     refuse_arguments,
-    refuse_light_of_bands,
     truth_from_world,
 )
 
 if TYPE_CHECKING:
-    from scenetruth.render.light_maps import LightOfScene
+    from scenetruth.render.light_maps import LightOfBands, LightOfScene
 
 __all__ = ["Simulation", "make_truth", "simulate", "simulate_into"]
 
@@ -129,8 +128,7 @@ def simulate(
     ArgumentError
         If arguments are invalid; lists every problem.
     SceneError
-        If the scene is invalid or exceeds a limit, no part of it is visible, or maps of light are chosen for a camera
-        with bands.
+        If the scene is invalid or exceeds a limit, or no part of it is visible.
     BackendUnavailableError
         If the specified render backend is unavailable.
 
@@ -160,7 +158,6 @@ def simulate(
     """
     refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
     scene = load_scene(scene, overrides=overrides)
-    refuse_light_of_bands(scene, truth_content)
     refuse_beyond_limits(scene, limits)
     choice = TruthOptions(truth_views, truth_poses, truth_content)
     work = _Work(scene, save_radiance=save_radiance, progress=progress)
@@ -208,15 +205,14 @@ def make_truth(
     -------
     xarray.Dataset
         Maps (t, y, x) or (s, t, y, x) in float64, at pixel centres; see ``docs/reference/data_model.md``. NaN where
-        no surface is visible.
+        no surface is visible. Maps of light of cameras with bands begin with the dimension ``channel``.
 
     Raises
     ------
     ArgumentError
         If arguments are invalid; lists every problem.
     SceneError
-        If the scene is invalid or exceeds a limit, no object is visible, or maps of light are chosen for a camera with
-        bands.
+        If the scene is invalid or exceeds a limit, or no object is visible.
 
     See Also
     --------
@@ -235,7 +231,6 @@ def make_truth(
     """
     refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
     scene = load_scene(scene, overrides=overrides)
-    refuse_light_of_bands(scene, truth_content)
     refuse_beyond_limits(scene, limits)
     world = build_scene(scene)
     check_scene(scene, world)
@@ -244,13 +239,15 @@ def make_truth(
     return truth_from_world(scene, world, choice, provenance_attributes(scene), progress, light)
 
 
-def _light_of(scene: Scene, world: BuiltScene, choice: TruthOptions) -> LightOfScene | None:
+def _light_of(scene: Scene, world: BuiltScene, choice: TruthOptions) -> LightOfScene | LightOfBands | None:
     """Return the light of a scene if maps of light are chosen."""
     if choice.content != "complete_with_light":
         return None
-    from scenetruth.render.light_maps import LightOfScene
+    from scenetruth.render.light_maps import LightOfBands, LightOfScene
 
-    return LightOfScene(scene.lighting, world)
+    bands = zip(scene.band_scenes(), world.bands or (world,), strict=True)
+    found = tuple(LightOfScene(one.lighting, painted) for one, painted in bands)
+    return LightOfBands(found) if scene.camera.bands else found[0]
 
 
 def simulate_into(

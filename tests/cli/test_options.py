@@ -12,8 +12,10 @@ from typing import Any
 import pytest
 import typer
 
+import scenetruth as st
 from scenetruth.cli.app import app
 from scenetruth.cli.bundled_files import SCENES, file_completer, method_names
+from scenetruth.cli.options import choose_band
 from scenetruth.estimators import list_methods
 
 ARGUMENTS = {
@@ -51,8 +53,8 @@ SPELLED = {"set": "overrides", "option": "options", "figure_format": "figure_for
 """Options whose names differ from those of the arguments."""
 
 ONLY_OPTIONS = {
-    "run": {"settings", "seed", "report", "figure_formats"},
-    "render": {"seed"},
+    "run": {"band", "settings", "seed", "report", "figure_formats"},
+    "render": {"band", "seed"},
     "estimate": {
         "overwrite",
         "limits",
@@ -68,8 +70,8 @@ ONLY_OPTIONS = {
     "report": {"methods", "overwrite", "limits"},
     "export": {"left", "flow", "options"},
     "compare": {"settings", "commands", "command_timeout_s", "command_memory_mb", "results", "write_recordings"},
-    "design predict": {"region"},
-    "design budget": {"settings", "focal_length_percent", "principal_point_px", "baseline_percent"},
+    "design predict": {"band", "region"},
+    "design budget": {"band", "settings", "focal_length_percent", "principal_point_px", "baseline_percent"},
     "design sweep": {"settings", "region"},
     "design pattern": {
         "output",
@@ -192,6 +194,16 @@ def test_one_option_has_one_help_text() -> None:
             "--focal-length-px",
         ),
     }
+
+
+def test_a_band_is_chosen_by_its_name_and_else_the_bands_are_listed() -> None:
+    scene = st.load_scene("cube", overrides=["camera.bands=[red, nir_850]"])
+    assert choose_band(scene, None) is scene
+    assert choose_band(scene, "nir_850").camera.bands == ()
+    with pytest.raises(st.ArgumentError, match=r"--band: is not one of the bands of the camera \(red, nir_850\)"):
+        choose_band(scene, "blue")
+    with pytest.raises(st.ArgumentError, match=r"--band: .*\(none: it is grey\)"):
+        choose_band(st.load_scene("cube"), "red")
 
 
 def test_methods_are_those_that_are_installed() -> None:

@@ -120,12 +120,6 @@ def test_a_key_that_is_spelt_wrong_is_told_before_what_seems_to_be_missing(tmp_p
     assert list(map(str, caught.value.problems)) == told
 
 
-def test_maps_of_light_are_refused_for_bands_before_any_work() -> None:
-    plain = {**RECIPE, "base": "plane", "set": {"camera.bands": ["red"]}, "truth": {"content": "complete_with_light"}}
-    with pytest.raises(st.RecipeError, match=r"camera\.bands: maps of light are for grey cameras"):
-        refuse_recipe(st.Recipe.from_dict(plain).sampler(), tried=1)
-
-
 RECIPES = sorted((Path(__file__).parents[2] / "scenes" / "datasets").glob("*.yaml"))
 
 

@@ -34,6 +34,7 @@ def run(
     output: options.Output,
     *,
     overrides: options.Overrides = None,
+    band: options.Band = None,
     seed: options.SceneSeed = None,
     limits: options.Limits = None,
     methods: options.Methods = None,
@@ -55,6 +56,7 @@ def run(
         _with_seed(overrides, seed),
         output,
         limits,
+        band=band,
         stages=("render", "estimate", "score", "report")[: 4 if report else 3],
         methods=methods or (),
         settings=settings or (),
@@ -77,6 +79,7 @@ def render(
     output: options.Output,
     *,
     overrides: options.Overrides = None,
+    band: options.Band = None,
     seed: options.SceneSeed = None,
     limits: options.Limits = None,
     overwrite: options.Overwrite = False,
@@ -92,6 +95,7 @@ def render(
         _with_seed(overrides, seed),
         output,
         limits,
+        band=band,
         stages=("render",),
         truth=(truth_views.value, truth_poses.value, truth_content.value),
         save_radiance=save_radiance,
@@ -283,6 +287,7 @@ def _run(
     save_images: options.ImageFormat | None,
     methods: Sequence[str] = (),
     settings: Sequence[str] = (),
+    band: str | None = None,
     helpers: int = 0,
     **wanted: Any,
 ) -> RunResult:
@@ -310,7 +315,8 @@ def _run(
             chosen = [_with_settings(methods[0], fields)]
         elif len(methods) == 1 and methods[0] != load_scene(file).estimate.method:
             changes.insert(0, f"estimate={{method: {json.dumps(methods[0])}}}")
-        loaded, allowed = load_scene(file, overrides=changes), limits_from(limits or ())
+        loaded = options.choose_band(load_scene(file, overrides=changes), band)
+        allowed = limits_from(limits or ())
         try:
             return run_pipeline(
                 loaded,

@@ -30,6 +30,7 @@ def budget(
     output: options.OptionalOutput = None,
     *,
     overrides: options.Overrides = None,
+    band: options.Band = None,
     method: options.Method = None,
     settings: options.Settings = None,
     calibration: design_options.Calibration = design_options.CalibrationPreset.typical,
@@ -58,7 +59,8 @@ def budget(
     }
     given = {name: value for name, value in values.items() if value is not None}
     known = resolve_calibration({**resolve_calibration(calibration.value).model_dump(), **given})
-    loaded, chosen = load_scene(scene, overrides=overrides or ()), options.read_settings(settings)
+    loaded = options.choose_band(load_scene(scene, overrides=overrides or ()), band)
+    chosen = options.read_settings(settings)
     with reporting() as reporter:
         found = make_budget(
             loaded,
@@ -130,6 +132,7 @@ def predict(
     scene: options.SceneFile,
     *,
     overrides: options.Overrides = None,
+    band: options.Band = None,
     model: design_options.Model = design_options.PredictionModel.analytic,
     method: options.Method = None,
     settings: options.Settings = None,
@@ -149,7 +152,8 @@ def predict(
     from scenetruth.scene import load_scene
 
     window = _prediction_settings(settings)
-    loaded, allowed = load_scene(scene, overrides=overrides or ()), limits_from(limits or ())
+    loaded = options.choose_band(load_scene(scene, overrides=overrides or ()), band)
+    allowed = limits_from(limits or ())
     own = loaded.estimate.method if loaded.estimate.method in all_method_models() else "refined"
     with reporting():
         found = predicted(

@@ -25,9 +25,10 @@ from scenetruth.cli.bundled_files import (
 if TYPE_CHECKING:
     from scenetruth.errors import Problem
     from scenetruth.estimators.method_specs import MethodSpec
+    from scenetruth.scene import Scene
 
 __all__ = [
-    "AllowMismatch", "BenchmarkMethods", "CardDate", "CardUrl", "CardVersion", "Command", "CommandImages",
+    "AllowMismatch", "Band", "BenchmarkMethods", "CardDate", "CardUrl", "CardVersion", "Command", "CommandImages",
     "CommandKeep", "CommandMemoryMb", "CommandName", "CommandTimeoutS", "CommandUsesMask", "ConfirmationSeeds",
     "DatasetPath", "DesignFile", "EstimatedMethods", "ExchangeFormat", "ExportSource", "ExportedMethod", "Extend",
     "FigureFormat", "FigureFormats", "Figures", "Flow", "Format", "FormatOptions", "ImageFormat", "Json",
@@ -40,7 +41,8 @@ __all__ = [
     "StrainMeasure", "StrainMethod", "StrainOrder", "StrainStep", "StrainWeight", "StrainWeights", "StrainWindow",
     "SubsetPx", "TemplateFile", "TemplateType", "Texture", "Threads", "TruthContent", "TruthContentChoice",
     "TruthMaps", "TruthPoses", "TruthPosesChoice", "TruthViews", "TruthViewsChoice", "Type", "UnitMm", "Workers",
-    "add_command", "flag", "helpers", "option", "parse_assignments", "read_settings", "repeatable", "with_settings",
+    "add_command", "choose_band", "flag", "helpers", "option", "parse_assignments", "read_settings", "repeatable",
+    "with_settings",
 ]  # fmt: skip
 
 
@@ -253,6 +255,10 @@ AllowMismatch = Annotated[bool, flag("--allow-mismatch", help="Acceptance of par
 Overrides = Annotated[
     list[str] | None,
     repeatable("--set", "PATH=VALUE", "Field of the scene, recipe or specification, with a value in YAML."),
+]
+
+Band = Annotated[
+    str | None, option("--band", metavar="NAME", help="Render or predict one band, as a grey camera records it.")
 ]
 
 Settings = Annotated[
@@ -654,3 +660,15 @@ def with_settings(methods: Iterable[str], settings: Iterable[str] | None) -> lis
         MethodSpec(spec.method, {**spec.settings, **added}, "" if spec.label == spec.spelled else spec.label)
         for spec in specs
     ]
+
+
+def choose_band(scene: Scene, band: str | None) -> Scene:
+    """Return a scene in the band of ``--band``, or as it is; raise an error that lists the bands of the camera."""
+    from scenetruth.errors import ArgumentError, Problem
+
+    if band is None:
+        return scene
+    if band not in scene.camera.bands:
+        names = ", ".join(scene.camera.bands) or "none: it is grey"
+        raise ArgumentError([Problem("--band", f"is not one of the bands of the camera ({names})", band)])
+    return scene.in_band(band)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import closing
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from scenetruth.dataset.distributions import DerivedDistribution
 from scenetruth.dataset.sampler import Draw, Sampler, build_drawn_scene
@@ -17,10 +17,6 @@ from scenetruth.jobs.executors import TaskExecutor, ordered_map
 from scenetruth.progress import Progress
 from scenetruth.random_streams import generator_for
 from scenetruth.scene.field_paths import PathError, assign
-from scenetruth.scene.scene_models import Scene
-
-if TYPE_CHECKING:
-    from scenetruth.truth import TruthMaps
 
 __all__ = ["AcceptedDraws", "DrawReport", "draw_samples", "refuse_recipe", "select_numbers", "try_draws"]
 
@@ -162,13 +158,6 @@ def _scene_problems(plain: Mapping[str, Any], folder: str | None) -> tuple[Probl
     return ()
 
 
-def _refuse_light_of_bands(scene: Scene, content: TruthMaps) -> None:
-    if content == "complete_with_light":
-        from scenetruth.truth import refuse_light_of_bands
-
-        refuse_light_of_bands(scene, content)
-
-
 def _first_problems(sampler: Sampler, tried: int, crew: TaskExecutor | None) -> list[Problem]:
     problems: list[Problem] = []
     with closing(_first_draws(sampler, min(tried, sampler.recipe.samples), crew)) as draws:
@@ -182,8 +171,7 @@ def _first_problems(sampler: Sampler, tried: int, crew: TaskExecutor | None) -> 
             sampler.known[draw] = found.rejected
             try:
                 for step in range(sampler.recipe.steps):
-                    scene = sampler.draw(draw * sampler.recipe.steps + step).scene()
-                    _refuse_light_of_bands(scene, sampler.recipe.truth.content)
+                    sampler.draw(draw * sampler.recipe.steps + step).scene()
             except SceneError as error:
                 problems += [_sample_problems(draw, one) for one in error.problems]
     return problems[:_MAX_LISTED]

@@ -168,13 +168,12 @@ def run_pipeline(
     progress: Progress | None = None,
 ) -> RunResult:
     """Run stages as in `run_scene`, for the command line, with a second process."""
-    from scenetruth.truth import TruthOptions, refuse_arguments, refuse_light_of_bands
+    from scenetruth.truth import TruthOptions, refuse_arguments
 
     refuse_arguments(scene, *truth, progress)
     specs = read_methods(methods) if methods else []
     with offered_methods(specs):
         loaded = load_scene(scene, overrides=overrides)
-        refuse_light_of_bands(loaded, truth[2])
         return _run_stages(
             loaded,
             Path(output),

@@ -15,7 +15,7 @@ from scenetruth.render.shading import Shader
 from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lighting
 
-__all__ = ["LightMaps", "LightOfScene"]
+__all__ = ["LightMaps", "LightOfBands", "LightOfScene"]
 
 Map = NDArray[np.float64]
 
@@ -52,6 +52,29 @@ class LightOfScene:
         white[:, _INDEX], white[:, _METALLIC], white[:, _REFLECTANCE] = 1.0, 0.0, 1.0
         white[:, _TRANSMITTANCE] = values[:, _TRANSMITTANCE] > 0
         return found | {"white": ReflectionTables(white, tables)}
+
+
+@dataclass(frozen=True, eq=False)
+class LightOfBands:
+    """Light of a scene in bands: that of one scene for each band."""
+
+    scenes: tuple[LightOfScene, ...]
+
+    def __call__(self, caster: RayCaster, t: float) -> MapsOfBands:
+        """Return the light on the surfaces at time t (in frames), as `LightOfScene`."""
+        return MapsOfBands(tuple(LightMaps(scene, caster, t) for scene in self.scenes))
+
+
+@dataclass(frozen=True, eq=False)
+class MapsOfBands:
+    """Light that surface points send to a camera in each band."""
+
+    bands: tuple[LightMaps, ...]
+
+    def on_hits(self, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], hits: Hits) -> dict[str, Map]:
+        """Return the light at ray hits as `LightMaps.on_hits`, in maps of the shape (bands, n)."""
+        found = [each.on_hits(origin_mm, directions, hits) for each in self.bands]
+        return {name: np.stack([each[name] for each in found]) for name in found[0]}
 
 
 class LightMaps:

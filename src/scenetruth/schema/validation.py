@@ -104,6 +104,8 @@ def _variable_problems(dataset: xr.Dataset, kind: str) -> list[Problem]:
         dims = tuple(map(str, dataset.variables[name].dims))
         if kind == "recording" and dims[-1:] == ("channel",):
             dims = dims[:-1]
+        if entry.by_band and dims[:1] == ("channel",):
+            dims = dims[1:]
         # Ground truth may have one camera or all; a recording requires the camera dimension.
         views = ("s_y",) if kind == "recording" else ("s_y", "s")
         found, needed = (tuple(dim for dim in names if dim not in views) for names in (dims, entry.dims))

@@ -81,6 +81,8 @@ class Variable:
     units: str
     long_name: str
     attrs: Mapping[str, Any] | None = None
+    by_band: bool = False
+    """Whether cameras with bands have one for each of them, with the leading dimension ``channel``."""
 
 
 _MAP = ("t", "y", "x")
@@ -182,13 +184,18 @@ VARIABLES: Mapping[str, Mapping[str, Variable]] = {
         ),
         "boundary_distance": Variable(_MAP, "px", "distance to the nearest mixed pixel"),
         "mixed": Variable(_MAP, "1", "pixel footprint crosses a silhouette or a sharp edge"),
-        "surface_radiance": Variable(_MAP, "1", "radiance of the surface point towards the camera"),
-        "diffuse_share": Variable(_MAP, "1", "share of the radiance: lamps, scattered by the surface"),
-        "specular_share": Variable(_MAP, "1", "share of the radiance: lamps, reflected by the boundary or by metal"),
-        "transmitted_share": Variable(_MAP, "1", "share of the radiance: lamps behind the sheet"),
-        "ambient_share": Variable(_MAP, "1", "share of the radiance: ambient light"),
+        "surface_radiance": Variable(_MAP, "1", "radiance of the surface point towards the camera", by_band=True),
+        "diffuse_share": Variable(_MAP, "1", "share of the radiance: lamps, scattered by the surface", by_band=True),
+        "specular_share": Variable(
+            _MAP, "1", "share of the radiance: lamps, reflected by the boundary or by metal", by_band=True
+        ),
+        "transmitted_share": Variable(_MAP, "1", "share of the radiance: lamps behind the sheet", by_band=True),
+        "ambient_share": Variable(_MAP, "1", "share of the radiance: ambient light", by_band=True),
         "lit_fraction": Variable(
-            _MAP, "1", "irradiance by the lamps, relative to that without shadows; NaN where no lamp faces the surface"
+            _MAP,
+            "1",
+            "irradiance by the lamps, relative to that without shadows; NaN where no lamp faces the surface",
+            by_band=True,
         ),
         "shadow_distance": Variable(
             _MAP, "px", "distance to the nearest pixel at which the lit fraction changes along a surface"
@@ -401,7 +408,9 @@ def label(
     variables: dict[str, xr.Variable] = {}
     for name, array in arrays.items():
         values = np.asarray(array)
-        dims = _list_dims(kind, VARIABLES[kind][name], values.ndim, rows=stage_y_mm is not None)
+        dims = _list_dims(
+            kind, VARIABLES[kind][name], values.ndim, rows=stage_y_mm is not None, bands=channel is not None
+        )
         variables[name] = xr.Variable(dims, values, describe_variable(kind, name), fastpath=True)
     sizes = {dim: size for variable in variables.values() for dim, size in variable.sizes.items()}
     # Coordinates are copied so that they share no memory with the caller's arrays.
@@ -461,9 +470,9 @@ def with_indexes(variables: Mapping[str, xr.Variable]) -> xr.Coordinates:
     return xr.Coordinates(found, indexes)
 
 
-def _list_dims(kind: str, entry: Variable, count: int, *, rows: bool) -> tuple[str, ...]:
+def _list_dims(kind: str, entry: Variable, count: int, *, rows: bool, bands: bool) -> tuple[str, ...]:
     """Return the dimension names of an array from its number of dimensions."""
-    dims = entry.dims
+    dims = ("channel", *entry.dims) if entry.by_band and bands else entry.dims
     if rows and "s" in dims:
         at = dims.index("s")
         dims = (*dims[:at], "s_y", *dims[at:])

@@ -115,7 +115,8 @@ def further_regions(
       over the visible pixels of the interior; ``contrast_low``, ``contrast_mid``, ``contrast_high`` (of the texture)
       and ``object_NAME`` (if there are several) over the same pixels.
     - ``specular``: visible pixels of the interior whose radiance has a share of at least ``settings.specular_share`` of
-      specular light, and ``shadow_boundary``: those within ``settings.shadow_width_px`` of a border of a shadow.
+      specular light in any band, and ``shadow_boundary``: those within ``settings.shadow_width_px`` of a border of a
+      shadow.
     - ``boundary_LOW_HIGH`` (px): classes of the distance to the nearest mixed pixel, over all visible pixels.
 
     Without occlusion maps all pixels are treated as visible. ``contrast`` is a fraction of full scale, (t, y, x).
@@ -142,7 +143,8 @@ def further_regions(
     regions |= _classes("boundary", distance, (*settings.boundary_classes_px, math.inf), visible)
     if "specular_share" in truth:
         # NaN on black surfaces.
-        regions["specular"] = inner & (np.nan_to_num(truth["specular_share"].values) >= settings.specular_share)
+        shining = truth["specular_share"].fillna(0) >= settings.specular_share
+        regions["specular"] = inner & (shining.any("channel") if "channel" in shining.dims else shining).values
     if "shadow_distance" in truth:
         regions["shadow_boundary"] = inner & (truth["shadow_distance"].values <= settings.shadow_width_px)
     if contrast is not None:

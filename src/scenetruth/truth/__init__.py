@@ -20,7 +20,6 @@ from scenetruth.truth.truth_dataset import (
     interior_warnings,
     memory_for,
     refuse_arguments,
-    refuse_light_of_bands,
     truth_from_world,
 )
 
@@ -28,5 +27,5 @@ __all__ = [
     "Geometries", "GeometryPass", "LightProvider", "PixelPoints", "PointTracker", "SurfacePoints", "TruthMaps",
     "TruthOptions", "TruthPoses", "TruthTasks", "TruthViews", "blank_truth", "compile_visibility",
     "count_tasks_at_once", "fill_truth", "find_visible_points", "interior_warnings", "memory_for", "refuse_arguments",
-    "refuse_light_of_bands", "track_points", "truth_by_rows", "truth_from_world", "truth_maps",
+    "track_points", "truth_by_rows", "truth_from_world", "truth_maps",
 ]  # fmt: skip

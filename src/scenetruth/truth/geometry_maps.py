@@ -164,8 +164,10 @@ def _with_distances(maps: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """Return the maps of one image with the distances to silhouettes and, if there are maps of light, to shadows."""
     found = maps | {"boundary_distance": boundary_distance(maps["mixed"])}
     if "lit_fraction" in maps:
-        borders = shadow_borders(maps["lit_fraction"], maps["object_id"], maps["mixed"])
-        found["shadow_distance"] = boundary_distance(borders)
+        # Of cameras with bands, a border in any of them.
+        bands = maps["lit_fraction"].reshape(-1, *maps["mixed"].shape)
+        borders = [shadow_borders(lit_fraction, maps["object_id"], maps["mixed"]) for lit_fraction in bands]
+        found["shadow_distance"] = boundary_distance(np.any(borders, axis=0))
     return found
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from scenetruth.camera import ImageAcquisition, Schedule, Stage
 from scenetruth.compilation import thread_count
-from scenetruth.errors import ArgumentError, Problem, SceneError
+from scenetruth.errors import ArgumentError, Problem
 from scenetruth.memory import release_memory, retained_memory
 from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
@@ -156,13 +156,6 @@ def refuse_arguments(scene: Any, truth_views: Any, truth_poses: Any, truth_conte
         raise ArgumentError(problems)
 
 
-def refuse_light_of_bands(scene: Scene, content: TruthMaps) -> None:
-    """Raise a SceneError if maps of light are chosen for a camera with bands."""
-    if content == "complete_with_light" and scene.camera.bands:
-        message = "maps of light are for grey cameras; choose other maps, or one band with `Scene.in_band`"
-        raise SceneError([Problem("camera.bands", message, list(scene.camera.bands))])
-
-
 def truth_from_world(
     scene: Scene,
     world: BuiltScene,
@@ -201,7 +194,9 @@ def blank_truth(scene: Scene, choice: TruthOptions, provenance: dict[str, Any]) 
         names += LIGHT
     arrays: dict[str, NDArray[Any]] = {"visible": blank_map(np.bool_, (*images, *size))}
     for name in names:
-        lead = [len(COMPONENTS[dim]) for dim in VARIABLES["truth"][name].dims if dim in COMPONENTS]
+        entry = VARIABLES["truth"][name]
+        lead = [len(COMPONENTS[dim]) for dim in entry.dims if dim in COMPONENTS]
+        lead = [len(camera.bands), *lead] if entry.by_band and camera.bands else lead
         shape = (*lead, *(images if all_views else images[-1:]), *size)
         arrays[name] = blank_map(DTYPES.get(name, np.float64), shape)
     arrays |= _poses(scene, build_schedule(scene))
@@ -214,6 +209,7 @@ def blank_truth(scene: Scene, choice: TruthOptions, provenance: dict[str, Any]) 
         s=stage.s,
         stage_x_mm=stage.x_mm,
         stage_y_mm=stage.y_mm if stage.rows > 1 else None,
+        channel=camera.bands or None,
         attrs={**provenance, "object_names": objects, "truth_poses": choice.poses},
     )
 

@@ -8,6 +8,7 @@ from scenetruth.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
     from scenetruth.estimators.refined.acquisition import derive_priors, read_schedule, remove_delay_bias
+    from scenetruth.estimators.refined.alias_residuals import project_aliases, separate
     from scenetruth.estimators.refined.aliasing import compute_phase_error_px, enlarge_variances, interpolation_error
     from scenetruth.estimators.refined.ambiguity import find_ambiguous, find_chance_fits, image_motion
     from scenetruth.estimators.refined.aperture import compute_normal_flow, find_aperture
@@ -185,6 +186,7 @@ __all__ = [
     "photon_transfer_variance",
     "place_of",
     "polynomial_bias",
+    "project_aliases",
     "read_calibration_uncertainty",
     "read_schedule",
     "recede",
@@ -194,6 +196,7 @@ __all__ = [
     "sees_second_camera",
     "select_blocks",
     "select_models",
+    "separate",
     "smooth_velocity",
     "solve_with_prior",
     "spline_transfer",
@@ -208,6 +211,7 @@ __getattr__, __dir__ = export_lazily(
     __name__,
     {
         "acquisition": "derive_priors read_schedule remove_delay_bias",
+        "alias_residuals": "project_aliases separate",
         "aliasing": "compute_phase_error_px enlarge_variances interpolation_error",
         "ambiguity": "find_ambiguous find_chance_fits image_motion",
         "aperture": "compute_normal_flow find_aperture",

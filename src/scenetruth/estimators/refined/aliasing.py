@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.fit_maps import STEADY_PLACES
-from scenetruth.estimators.refined.image_stack import ImageStack
+from scenetruth.estimators.refined.image_stack import ImageStack, without_aliases
 from scenetruth.estimators.refined.kernels.window_solver import Fit
 from scenetruth.estimators.refined.noise_estimation import spline_transfer
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART
@@ -31,6 +31,9 @@ __all__ = ["compute_phase_error_px", "enlarge_variances", "interpolation_error"]
 
 _TAPS = 16  # half-width of the filters
 _TEXTURE, _ALIAS = 0.15, 0.35  # frequencies up to which waves of demosaiced images are texture, and from which aliases
+# Aliases: largest amplitude of the displacement in px, of those as strong as the texture; smallest share of the squared
+# gradient that is due to the texture; wave number of long ones in rad per px.
+_MOST_PX, _LEAST_OF_TEXTURE, _LONG = 1.5, 0.3, 0.9
 _BLOCKS = 2.0  # blocks per standard deviation of a window
 _ABOVE = 3.0  # smallest ratio of the power of fine waves to the standard error of that of noise
 # Indices of the element's variances: slopes and curvatures follow disparity; rotation and growth follow motion.
@@ -50,8 +53,10 @@ def interpolation_error(frequency: Any, order: int) -> Any:
 
 
 @cache
-def _filters(order: int, *, aliases: bool = False) -> tuple[Map, Map]:
-    """Return filters m and m2: with T, they form the products of the gradient with the error per phase, and itself.
+def _filters(order: int, *, aliases: bool = False) -> tuple[Map, Map, Map]:
+    """Return filters m, m2 and m0: with T, they form the products of the gradient with the error per phase, and itself.
+
+    The last one selects the waves of the error.
 
     ``aliases``: Of the aliases of demosaicing, instead of interpolation.
     """
@@ -64,10 +69,10 @@ def _filters(order: int, *, aliases: bool = False) -> tuple[Map, Map]:
         share = np.sin(0.5 * np.pi * np.clip((f - _TEXTURE) / (_ALIAS - _TEXTURE), 0.0, 1.0)) ** 2
     else:
         share = interpolation_error(f, order)
-    whole = (2.0 * np.pi * f * share, (2.0 * np.pi * f) ** 2)
+    whole = (2.0 * np.pi * f * share, (2.0 * np.pi * f) ** 2, share)
     middle = slice(count // 2 - _TAPS, count // 2 + _TAPS + 1)
-    first, second = (np.real(np.fft.fftshift(np.fft.ifft(each)))[middle] * window for each in whole)
-    return first, second
+    first, second, power = (np.real(np.fft.fftshift(np.fft.ifft(each)))[middle] * window for each in whole)
+    return first, second, power
 
 
 def compute_phase_error_px(
@@ -79,11 +84,22 @@ def compute_phase_error_px(
 
     ``aliases``: Error of the aliases of demosaicing, instead of interpolation.
     """
+    (_, products, gradient), block = _measure_fine_waves(images, sigma_px, noise, aliases=aliases)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        error = np.where(gradient > 0, products / gradient, 0.0)
+    return np.minimum(error, 0.5), block
+
+
+def _measure_fine_waves(images: ImageStack, sigma_px: float, noise: float, *, aliases: bool) -> tuple[Map, int]:
+    """Return the power of fine waves, its product with their wave number, and the mean square gradient, in blocks.
+
+    They are sums over the channels, for waves along x and y, of the shape (3, 2, rows, columns).
+    """
     from scipy.ndimage import convolve1d, gaussian_filter
 
     block = max(1, round(sigma_px / _BLOCKS))
     frame, camera = images.reference()
-    first, second = _filters(images.spline, aliases=aliases)
+    first, second, share = _filters(images.spline, aliases=aliases)
     # Covariances of the noise of neighbours, relative to its power at low frequencies.
     along = np.zeros(_TAPS + 1)
     along[0] = 1.0
@@ -99,7 +115,7 @@ def compute_phase_error_px(
         # The same noise is in both factors.
         parts = [
             _block_means(grey * convolve1d(grey, taps, axis=axis, mode="mirror") - taps @ covariance * square, block)
-            for taps in (first, second)
+            for taps in (first, second, share)
             for axis in (1, 0)
         ]
         sums = np.stack(parts) if sums is None else sums + np.stack(parts)
@@ -108,36 +124,46 @@ def compute_phase_error_px(
     means = np.stack([gaussian_filter(each, sigma_px / block) for each in sums])
     # Below its standard error, the power of fine waves is that of noise.
     floor = _ABOVE * np.sqrt(variance / (4.0 * np.pi * sigma_px**2))
-    power = np.maximum(means[:2] - floor, 0.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        error = np.where(means[2:] > 0, power / means[2:], 0.0)
-    return np.minimum(error, 0.5), block
+    return np.stack([means[4:], np.maximum(means[:2] - floor, 0.0), means[2:4]]), block
 
 
 def enlarge_variances(
-    images: ImageStack, fit: Fit, motion: NDArray[np.int8], sigma_px: float, *, accelerated: bool
+    images: ImageStack,
+    fit: Fit,
+    motion: NDArray[np.int8],
+    sigma_px: float,
+    *,
+    accelerated: bool,
+    by_aliases: Map | None = None,
 ) -> Fit:
     """Return a fit whose variances include the interpolation error of fine textures.
 
     ``motion``: Motion model of every pixel, as in ``motion_model``, which determines the frames of the fit.
     ``accelerated``: Whether all motions are accelerated.
+    ``by_aliases``: Mean square residual by aliases, and their powers along x and y, shape (3, y, x), if separated.
     """
     from scipy.ndimage import gaussian_filter
 
-    noise = images.residual_noise(fit.residual[0]) / images.transfer
+    noise = images.residual_noise(without_aliases(fit.residual[0], by_aliases)) / images.transfer
     if not np.isfinite(noise):
         return fit
     error, block = compute_phase_error_px(images, sigma_px, noise)
-    of_aliases = np.zeros_like(error)
-    if images.demosaiced is not None:
-        of_aliases, _ = compute_phase_error_px(images, sigma_px, noise, aliases=True)
-    if not error.any() and not of_aliases.any():
-        return fit
+    of_aliases, most = np.zeros_like(error), None
     centres = [
         np.minimum(np.arange(count) * block + block // 2, size - 1)
         for count, size in zip(error.shape[1:], images.shape, strict=True)
     ]
     grid = np.ix_(*centres)
+    if images.demosaiced is not None:
+        fine, _ = _measure_fine_waves(images, sigma_px, noise, aliases=True)
+        unit = images.channels * images.variance.at(images.reference_grey()[grid])
+        if by_aliases is not None:
+            of_aliases = _displace_by(by_aliases[(slice(1, None), *grid)] * unit, fine)
+        else:
+            of_aliases, _ = compute_phase_error_px(images, sigma_px, noise, aliases=True)
+            most = _displace_by(fit.residual[0][grid] * unit, fine)
+    if not error.any() and not of_aliases.any():
+        return fit
     theta = fit.theta[:, centres[0][:, None], centres[1]]
     chosen, used = motion[grid], fit.images[grid]
     added = np.zeros((4, *error.shape[1:]))
@@ -152,7 +178,8 @@ def enlarge_variances(
         for kind, sizes in ((_interpolated, error), (_aliased, of_aliases)):
             if where.any() and sizes.any():
                 at = theta[:, where], (centres[1], centres[0]), where
-                added[:, where] += _added(part, *at, sizes, kind, accelerated=curved)
+                limit = most if kind is _aliased else None
+                added[:, where] += _added(part, *at, sizes, kind, most=limit, accelerated=curved)
     known = np.isfinite(added).all(axis=0)
     weights = np.maximum(gaussian_filter(known.astype(np.float64), sigma_px / block), 1e-9)
     # The sign of an error alternates with the phase: neighbours have its mean square.
@@ -161,7 +188,7 @@ def enlarge_variances(
     whole = added[:, rows[:, None], columns]
     if images.demosaiced is not None:
         # Maps divide by the squared transfer, as is due to variances by noise.
-        whole *= (images.transfer / spline_transfer(images.spline)) ** 2
+        whole *= (images.transfers_of(fit.residual[0], by_aliases) / spline_transfer(images.spline)) ** 2
     variance = fit.variance.copy()
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = 1.0 + whole / variance[[0, 3, 4, 5]]
@@ -175,6 +202,26 @@ def enlarge_variances(
     return fit._replace(variance=variance, element_variance=element.astype(np.float32))
 
 
+def _displace_by(power: Map, fine: Map) -> Map:
+    """Return the amplitudes of the displacement error by aliases of a power, in px.
+
+    Aliases are the fine waves themselves, or have the wave numbers that those of a fine texture leave to π; beyond the
+    power of the fine waves, they are long.
+
+    ``fine``: Fine waves of the reference, see `_measure_fine_waves`.
+    """
+    visible, products, gradient = fine
+    with np.errstate(divide="ignore", invalid="ignore"):
+        number = np.clip(np.where(visible > 0, products / visible, _LONG), 0.0, np.pi)
+        share = np.where(power < visible, power / visible, 1.0)
+        number = share * number + (1.0 - share) * (np.pi - number)
+        beyond = np.where(power > visible, 1.0 - np.maximum(visible, 0.0) / power, 0.0)
+        number = (1.0 - beyond) * number + beyond * _LONG
+        # The more of the gradient is that of aliases, the more they displace the fit, and the fitted positions.
+        of_texture = np.maximum(1.0 - power * number**2 / gradient, _LEAST_OF_TEXTURE)
+        return np.where(gradient > 0, np.minimum(power * number / gradient / of_texture**3, _MOST_PX), 0.0)
+
+
 def _added(
     images: ImageStack,
     theta: Map,
@@ -183,6 +230,7 @@ def _added(
     error: Map,
     displaced: Callable[[Map], tuple[Map, Map]],
     *,
+    most: Map | None,
     accelerated: bool,
 ) -> Map:
     """Return the squared errors of d, q_X, q_Y and q_Z at the blocks of a mask, shape (4, n).
@@ -211,11 +259,17 @@ def _added(
         at[1, i] = (y + d * (t[i] * q_y - s_y[i])) * scale + view.centre_y
     out = np.zeros((4, len(d)))
     (right, square_x), (down, square_y) = displaced(at[0]), displaced(at[1])
+    if most is not None:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            left = np.maximum(1.0 - 2.0 * np.stack([square_x, square_y]), 0.0) * len(s) / max(len(s) - 1, 1)
+            sizes = np.fmin(sizes, most[:, where] / left)
     for i in range(len(s)):
         out += inverse[:, i, None] * sizes[0] * right[i]
         out += inverse[:, len(s) + i, None] * sizes[1] * down[i]
-    sums = np.stack([(inverse[:, : len(s)] ** 2).sum(axis=1), (inverse[:, len(s) :] ** 2).sum(axis=1)])
-    square = out**2 + (sums[0][:, None] * sizes[0] ** 2 * square_x + sums[1][:, None] * sizes[1] ** 2 * square_y)
+    square = out**2
+    if displaced is _interpolated:
+        sums = np.stack([(inverse[:, : len(s)] ** 2).sum(axis=1), (inverse[:, len(s) :] ** 2).sum(axis=1)])
+        square += sums[0][:, None] * sizes[0] ** 2 * square_x + sums[1][:, None] * sizes[1] ** 2 * square_y
     if len(images.positions) == 1:
         return np.stack([0.0 * d, square[1], square[2], 0.0 * d])
     # From px to the units of the parameters: d q, and d² q_Z / f.

@@ -27,7 +27,7 @@ from scenetruth.estimators.refined.fit_maps import (
     with_bias,
 )
 from scenetruth.estimators.refined.hypothesis_selection import HypothesisSelection, list_arms, split_pixels
-from scenetruth.estimators.refined.image_stack import ImageStack
+from scenetruth.estimators.refined.image_stack import ImageStack, without_aliases
 from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.iterations import (
     STAGES,
@@ -150,7 +150,9 @@ def refit_discontinuities(
     report: Callable[[int], None] | None = None,
 ) -> tuple[RefinedState, DiscontinuityContext]:
     """Fit pixels again whose windows contain several surfaces, from disparity and velocity of shape (4, y, x)."""
-    noise = images.residual_noise(refined.fit.residual[0])
+    noise = images.residual_noise(refined.noise_residual)
+    by_aliases = 0.0 if refined.alias_residual is None else refined.alias_residual[0]
+    total = _with_aliases(noise, by_aliases)
     sigma = settings.window_sigma_px
     whole = refined.fit.theta
     reach = window_weights(sigma).shape[2] // 2
@@ -158,7 +160,7 @@ def refit_discontinuities(
     # Full windows of these pixels lie outside, smaller windows do not; those around them contain a single surface.
     beyond = np.isnan(whole[0]) & np.isfinite(shown[0])
     outlines = find_discontinuities(images, shown)
-    doubtful = (_unexplained(refined.seen, noise) & ~beyond) | outlines
+    doubtful = (_unexplained(refined.seen, noise, by_aliases) & ~beyond) | outlines
     where = around(doubtful, reach) | beyond | refined.uneven
     # Windows without texture determine no surface.
     contrast = noise / images.transfer
@@ -166,19 +168,20 @@ def refit_discontinuities(
     if not where.any() or not np.isfinite(noise):
         return refined, DiscontinuityContext(where, np.zeros_like(where))
     steady = ~where if settings.photometric_model == "per_image" else None
-    selection = HypothesisSelection(images.few(), whole, where, noise, steady)
+    selection = HypothesisSelection(images.few(), whole, where, total, steady)
     selection.offer(_small_windows(images, start, where, settings))
     for distance in sorted({round(share * sigma) for share in _DISTANCES} - {0}, reverse=True):
         selection.spread(distance)
     theta = fill_invalid_parameters(fill_gaps(whole, np.asarray(np.isfinite(whole).all(axis=0))), selection.theta)
     del selection
-    found = _refit(images, theta, where, noise, settings)
-    found, motion = _refit_motion_models(images, found, refined.motion, noise, settings)
+    found = _refit(images, theta, where, noise, by_aliases, settings)
+    found, motion = _refit_motion_models(images, found, refined.motion, noise, by_aliases, settings)
     fit, seen, shares = found.pixels.spread(found.fit), found.seen, found.shares
+    square = without_aliases(seen.square, refined.alias_residual)
     # Full windows are kept where their result is the same, because their noise is the smallest.
     # Strong gradients of an outline would explain any residual of a weak texture next to it.
     with np.errstate(invalid="ignore"):
-        fitted = refined.fit.residual[0] <= (settings.max_residual_ratio * noise) ** 2
+        fitted = refined.noise_residual <= (settings.max_residual_ratio * noise) ** 2
         # Without a discontinuity within reach, residuals that smaller windows leave, too, have other causes, as texture
         # finer than the pixels.
         other = refined.fit.residual[0] <= _REDUCED**2 * fit.residual[0]
@@ -190,20 +193,18 @@ def refit_discontinuities(
     own = textured(seen.gradient.astype(np.float64), noise, images.count, images.spline)
     sound = (
         where
-        & explained(seen.square, seen.gradient, settings.max_residual_ratio * noise)
+        & explained(square, seen.gradient, settings.max_residual_ratio * noise)
         & (shares[0] > _LEAST_SHARE)
         & (own | (shares[1] < FARTHEST * _final_sigma(sigma)))
         & surrounded
     )
     sound &= ~find_mixed_pixels(images, np.where(where, final.theta, whole), seen.gradient)
-    between = _is_steep(final.theta, images.focal, seen.square / noise**2) & ~continues_on_both_sides(
-        final.theta, sigma
-    )
+    between = _is_steep(final.theta, images.focal, square / noise**2) & ~continues_on_both_sides(final.theta, sigma)
     sound &= ~(around(where & ~sound, round(sigma)) & between)
     if images.farthest > 0.0:
         sound &= is_supported(final, sound | (~where & np.isfinite(final.theta[0])))
-    lit = where & _unevenly_lit(images, np.where(where, final.theta, whole), seen, noise, sigma)
-    final = _add_light_bias(images, final, lit, noise)
+    lit = where & _unevenly_lit(images, np.where(where, final.theta, whole), seen, (noise, by_aliases), sigma)
+    final = _add_light_bias(images, final, lit, noise**2 + by_aliases)
     final = _add_contradicted_motion(final, refined, beyond & where & (motion == MOTION_PLAIN), images)
     motion = np.where(where, motion, refined.motion)
     where |= ~surrounded
@@ -267,23 +268,30 @@ def continues_on_both_sides(theta: Map, sigma: float) -> Mask:
     return found
 
 
-def _unevenly_lit(images: ImageStack, theta: Map, seen: PixelEvidence, noise: float, sigma: float) -> Mask:
-    """Return the pixels whose windows contain unexplained residuals that no discontinuity causes, as moving shadows."""
-    left = _unexplained(seen, noise) & np.isfinite(seen.square)
+def _unevenly_lit(
+    images: ImageStack, theta: Map, seen: PixelEvidence, noise: tuple[float, Map | float], sigma: float
+) -> Mask:
+    """Return the pixels whose windows contain unexplained residuals that no discontinuity causes, as moving shadows.
+
+    ``noise``: Standard deviation of the noise, and mean square residual by aliases.
+    """
+    left = _unexplained(seen, *noise) & np.isfinite(seen.square)
     left &= ~around(find_discontinuities(images, theta), _BLENDED_PX)
     return around(left, window_weights(_final_sigma(sigma)).shape[2])
 
 
-def _add_light_bias(images: ImageStack, fit: Fit, where: Mask, noise: float) -> Fit:
+def _add_light_bias(images: ImageStack, fit: Fit, where: Mask, square: Map | float) -> Fit:
     """Return a fit with the error of velocities that changes of light within the windows cause, in its variances.
 
     One gain and one offset for a window leave residuals, which displace the texture by at most their ratio to its
     gradient; a velocity is that displacement over the root mean square of the times.
+
+    ``square``: Mean square residual by noise and aliases.
     """
     if images.longest == 0.0:
         return fit
     with np.errstate(invalid="ignore", divide="ignore"):
-        shift = np.maximum(fit.residual[0] - noise**2, 0.0) / fit.residual[1]
+        shift = np.maximum(fit.residual[0] - square, 0.0) / fit.residual[1]
         error = shift / (fit.theta[0] ** 2 * np.mean(images.times**2))
     variance = fit.variance.copy()
     variance[3:5] += np.where(where & np.isfinite(error), error, 0.0)
@@ -315,13 +323,13 @@ def _add_contradicted_motion(fit: Fit, refined: RefinedState, where: Mask, image
     return fit._replace(variance=variance)
 
 
-def _unexplained(seen: PixelEvidence, noise: float) -> Mask:
-    return np.asarray(seen.square > _compute_residual_limit(seen.gradient, noise))
+def _unexplained(seen: PixelEvidence, noise: float, by_aliases: Map | float) -> Mask:
+    return np.asarray(seen.square > _compute_residual_limit(seen.gradient, noise, by_aliases))
 
 
-def _compute_residual_limit(gradient: NDArray[Any], noise: float) -> Map:
-    """Return the largest mean square residual of a pixel that is explained."""
-    return np.maximum((_NOISES * noise) ** 2, _SHIFT_PX**2 * gradient.astype(np.float64))
+def _compute_residual_limit(gradient: NDArray[Any], noise: float, by_aliases: Map | float) -> Map:
+    """Return the largest mean square residual of a pixel that is explained, in addition to that by aliases."""
+    return np.maximum((_NOISES * noise) ** 2, _SHIFT_PX**2 * gradient.astype(np.float64)) + by_aliases
 
 
 def is_surrounded(gradient: Map, sigma: float, by_noise: float = 0.0) -> Mask:
@@ -472,7 +480,12 @@ class _Refit:
 
 
 def _refit_motion_models(
-    images: ImageStack, found: _Refit, beside: NDArray[np.int8], noise: float, settings: RefinedSettings
+    images: ImageStack,
+    found: _Refit,
+    beside: NDArray[np.int8],
+    noise: float,
+    by_aliases: Map | float,
+    settings: RefinedSettings,
 ) -> tuple[_Refit, NDArray[np.int8]]:
     """Fit the motion models of nearby full windows where they are not the plain one; return the fit and the models."""
     known = np.zeros(images.shape, dtype=np.bool_)
@@ -491,7 +504,7 @@ def _refit_motion_models(
     def trials() -> Iterator[MotionModelTrial]:
         theta = found.theta
         for motion in richer:
-            made = _refit(motion.images, motion.begun(theta), near[motion], noise, motion.settings)
+            made = _refit(motion.images, motion.begun(theta), near[motion], noise, by_aliases, motion.settings)
             theta = made.theta
 
             def take(other: Mask, made: _Refit = made) -> None:
@@ -503,14 +516,17 @@ def _refit_motion_models(
             yield MotionModelTrial(made.pixels.spread(made.fit, box), motion.images is images, take)
 
     plain, among = found.pixels.spread(found.fit, box), [near[motion][box] for motion in richer]
-    fit, which[box] = choose_motion_model(plain, trials(), among, sigma, settings.max_residual_ratio * noise)
+    limit = settings.max_residual_ratio * _with_aliases(noise, by_aliases)
+    fit, which[box] = choose_motion_model(plain, trials(), among, sigma, limit)
     changed = tried.where[found.pixels.where]
     for values, chosen in zip(found.fit, fit, strict=True):
         np.asarray(values)[..., 0, changed] = np.asarray(chosen)[..., tried.where[box]]
     return replace(found, seen=seen, shares=shares), encode_motion_models(which, richer)
 
 
-def _refit(images: ImageStack, theta: Map, where: Mask, noise: float, settings: RefinedSettings) -> _Refit:
+def _refit(
+    images: ImageStack, theta: Map, where: Mask, noise: float, by_aliases: Map | float, settings: RefinedSettings
+) -> _Refit:
     """Fit the pixels of a mask from parameters (15 or 18, y, x), which are updated in place."""
     sigma, finer = (max(_LEAST_SIGMA_PX, share * settings.window_sigma_px) for share in (_FINAL, _SMALL))
     gains, model = settings.photometric_model == "per_image", _plain(images, settings)
@@ -534,7 +550,7 @@ def _refit(images: ImageStack, theta: Map, where: Mask, noise: float, settings: 
         wanted = np.where(near, fields, np.nan)
         for band in bands(taken, wanted, sigma, gains=gains, least_share=_LEAST_IMAGES, hidden=hidden):
             for each in windows:
-                _solve(taken, band, fields, noise, model, pixels, begun, each)
+                _solve(taken, band, fields, _limit_of(band, noise, by_aliases), model, pixels, begun, each)
             if last:
                 seen.put(band)
         shares[:, where] = of_windows.T
@@ -546,6 +562,18 @@ def _refit(images: ImageStack, theta: Map, where: Mask, noise: float, settings: 
     for number in VARIANCES:
         fine.variance[number] = biased[number, inner]
     return _Refit(pixels, chosen_fit(uneven, fine, fit), theta, seen, shares)
+
+
+def _with_aliases(noise: float, by_aliases: Map | float) -> float:
+    """Return the standard deviation of residuals by noise and aliases, over all pixels."""
+    return noise if isinstance(by_aliases, float) else math.hypot(noise, math.sqrt(float(np.mean(by_aliases))))
+
+
+def _limit_of(band: RowBand, noise: float, by_aliases: Map | float) -> Map:
+    """Return the largest mean square residual of the pixels of a band."""
+    gradient = band.gradient
+    rows = by_aliases if isinstance(by_aliases, float) else by_aliases[band.first : band.first + len(gradient)]
+    return _compute_residual_limit(gradient, noise, rows)
 
 
 class _Windows(NamedTuple):
@@ -560,14 +588,13 @@ def _solve(
     images: ImageStack,
     band: RowBand,
     fields: Map,
-    noise: float,
+    limit: Map,
     model: Model,
     pixels: _Pixels,
     begun: Map,
     windows: _Windows,
 ) -> None:
     """Fit the windows around the pixels of a band, every other one of them where the fits vary smoothly."""
-    limit = _compute_residual_limit(band.gradient, noise)
     reach = np.array([images.farthest, images.longest, images.aside, DISCONTINUITY_PX])
     fixed = band.by_pixel, limit, fields, reach, window_weights(windows.sigma), model, images.view(), band.first
 

@@ -14,6 +14,7 @@ from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators.channel_noise import read_demosaicing
 from scenetruth.estimators.method_settings import PhotonTransferNoise, RefinedSettings
 from scenetruth.estimators.refined.acquisition import corrects_poses, read_priors, read_schedule, remove_delay_bias
+from scenetruth.estimators.refined.alias_residuals import measure_alias_residual
 from scenetruth.estimators.refined.common_uncertainty import has_common_part, read_calibration_uncertainty
 from scenetruth.estimators.refined.discontinuity_refit import (
     DiscontinuityContext,
@@ -324,6 +325,7 @@ def _fit(
         return found, beside
     found = refit_motion_models(found, settings)
     found, systematic = estimate_systematic_errors(found, settings)
+    found = replace(found, alias_residual=measure_alias_residual(found, settings))
     light = compare_without_smooth_light(found, settings, systematic.whole)
     if settings.discontinuity_refit:
         found, beside = refit_discontinuities(found.images, start.fields, found, settings, report)

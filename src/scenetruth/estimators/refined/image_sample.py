@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.method_settings import RefinedSettings
+from scenetruth.estimators.refined.alias_residuals import measure_alias_residual
 from scenetruth.estimators.refined.fit_maps import extract_fields
 from scenetruth.estimators.refined.image_consistency import (
     correlate_blocks,
@@ -87,6 +88,7 @@ def sample_images(
         states = [estimate_systematic_errors(refit_motion_models(each, settings), settings)[0] for each in states]
     left_out = find_inconsistent_of_regions([(each.images.without(()), _finite(each)) for each in states], sigma)
     states = [replace(each, images=each.images.without(left_out)) for each in states]
+    states = [replace(each, alias_residual=measure_alias_residual(each, settings)) for each in states]
     variance, noise = _noise(states, settings, outline.variance)
     errors = None
     if settings.pose_corrections == "auto" and cameras is None:
@@ -118,7 +120,7 @@ def _noise(
     states: Sequence[RefinedState], settings: RefinedSettings, variance: GreyVariance
 ) -> tuple[GreyVariance, float]:
     """Return the noise variance as a function of the grey value, and the residual of windows that fit well."""
-    squares = [each.fit.residual[0] for each in states]
+    squares = [each.noise_residual for each in states]
     limit = float(np.median([each.images.noise_limit for each in states]))
     if settings.noise != "estimated":
         return variance, min(estimate_noise(np.sqrt(np.concatenate([each.ravel() for each in squares]))), limit)

@@ -24,7 +24,9 @@ from scenetruth.estimators.refined.noise_estimation import (
 from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
 from scenetruth.threads import in_threads
 
-__all__ = ["NO_DEFECTS", "FramesNeeded", "ImageStack", "Region", "Splines", "filter_image", "frames_needed"]
+__all__ = [
+    "NO_DEFECTS", "FramesNeeded", "ImageStack", "Region", "Splines", "filter_image", "frames_needed", "without_aliases",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,14 @@ def filter_image(image: NDArray[Any], order: int) -> Map:
     from scipy.ndimage import spline_filter
 
     return np.asarray(spline_filter(image.astype(np.float64), order, mode="mirror"))
+
+
+_LEAST_OF_RESIDUAL = 1e-3  # smallest part of a mean square residual that is due to noise
+
+
+def without_aliases(square: NDArray[Any], by_aliases: Map | None) -> NDArray[Any]:
+    """Return mean square residuals without those by aliases of demosaicing, the first of the maps (n, y, x)."""
+    return square if by_aliases is None else np.maximum(square - by_aliases[0], _LEAST_OF_RESIDUAL * square)
 
 
 # Values of B-splines at integer positions, by order.
@@ -229,6 +239,15 @@ class ImageStack:
         if self.noise_share is None:
             return spline_transfer(self.spline)
         return np.asarray(resampled_transfer(self.spline, self._of_region(self.noise_share[0])))
+
+    def transfers_of(self, square: Map, by_aliases: Map | None) -> Map | float:
+        """Return the ratio as `transfers`, of mean square residuals with those by aliases, which are not correlated."""
+        if by_aliases is None:
+            return self.transfers
+        with np.errstate(invalid="ignore", divide="ignore"):
+            share = without_aliases(square, by_aliases) / square
+        inverse = share / self.transfers**2 + (1.0 - share) / spline_transfer(self.spline) ** 2
+        return np.asarray(1.0 / np.sqrt(inverse))
 
     @property
     def farthest(self) -> float:

@@ -20,7 +20,7 @@ from scenetruth.estimators.refined.fit_maps import (
     nearest_node,
 )
 from scenetruth.estimators.refined.image_consistency import find_inconsistent_images
-from scenetruth.estimators.refined.image_stack import ImageStack
+from scenetruth.estimators.refined.image_stack import ImageStack, without_aliases
 from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, FULL, Fit, Model
 from scenetruth.estimators.refined.kernels.window_sums import EVERY_MODEL, NO_MODEL
@@ -89,6 +89,15 @@ class RefinedState:
     """Where two or three frames do not resolve the motion; None if it is tested nowhere."""
     light_edges: Map | None = None
     """Squared errors of q_X and q_Y at edges of light, shape (2, y, x); None if there are none."""
+    alias_residual: Map | None = None
+    """Part of the mean square residual that aliases of demosaicing cause, and the powers of the aliases along x and y,
+    shape (3, y, x); None if they are not separated from noise.
+    """
+
+    @property
+    def noise_residual(self) -> Map:
+        """Mean square residual of the windows without that by aliases, shape (y, x)."""
+        return without_aliases(self.fit.residual[0], self.alias_residual)
 
 
 def refine(

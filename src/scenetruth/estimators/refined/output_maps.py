@@ -24,7 +24,7 @@ from scenetruth.estimators.refined.initialisation import InitialEstimate, fill_g
 from scenetruth.estimators.refined.iterations import RefinedState
 from scenetruth.estimators.refined.kernels.window_solver import FUNCTIONALS, Fit
 from scenetruth.estimators.refined.mean_image import find_outlines
-from scenetruth.estimators.refined.noise_estimation import compute_noise_gradient, textured
+from scenetruth.estimators.refined.noise_estimation import compute_noise_gradient, spline_transfer, textured
 from scenetruth.estimators.refined.pose_consistency import PoseErrors
 from scenetruth.estimators.refined.pose_corrections import PoseCorrections
 from scenetruth.estimators.refined.systematic_error import sees_second_camera
@@ -165,8 +165,14 @@ def compute_maps(
     """
     shown = replace_reference(images, extract_fields(refined.fit.theta))
     fit = enlarge_variances(
-        shown, refined.fit, refined.motion, settings.window_sigma_px, accelerated=settings.accelerated
+        shown,
+        refined.fit,
+        refined.motion,
+        settings.window_sigma_px,
+        accelerated=settings.accelerated,
+        by_aliases=refined.alias_residual,
     )
+    transfers = images.transfers_of(fit.residual[0], refined.alias_residual)
     height, width = images.shape
     cameras, frames = len(images.positions), len(images.times)
     y, x = np.mgrid[:height, :width].astype(np.float64)
@@ -175,9 +181,9 @@ def compute_maps(
     theta, focal = fit.theta, images.focal
     d, q = theta[0], theta[[6, 9, 12]]
     with np.errstate(invalid="ignore", divide="ignore"):
-        left = np.sqrt(fit.residual[0]) / images.transfers
-        usual = images.residual_noise(fit.residual[0]) / images.transfer
-        variance = fit.variance / images.transfers**2
+        left = np.sqrt(refined.noise_residual) / images.transfers
+        usual = images.residual_noise(refined.noise_residual) / images.transfer
+        variance = fit.variance / transfers**2
         if refined.light_edges is not None:
             variance[3:5] += refined.light_edges / np.asarray(images.transfers) ** 2
         common, of_element = None, None
@@ -193,6 +199,9 @@ def compute_maps(
             variance[3:6] += common.velocity
         std = np.sqrt(variance)
         shifted = _SHIFT_PX * np.sqrt(fit.residual[1])
+        if images.demosaiced is not None:
+            # Residuals are divided by a smaller transfer than those of images as recorded.
+            shifted *= spline_transfer(images.spline) / images.transfer
         limit = np.maximum(settings.max_residual_ratio * usual, shifted)
         if images.count <= _FEW_IMAGES:
             shifted *= _SHIFT_OF_FEW
@@ -244,7 +253,7 @@ def compute_maps(
                 # In a window of too few frames, it is zero by definition, hence invalid.
                 entries = np.where(np.isfinite(std[6:]), theta[15:], np.nan)
                 found |= {"acceleration": entries * baseline_mm, "acceleration_std": std[6:] * abs(baseline_mm)}
-        found |= _element(fit, baseline_mm, images.transfers, of_element)
+        found |= _element(fit, baseline_mm, transfers, of_element)
     fallback = compute_fallback(shown, start, known | normal, theta[0], usual, ambiguous, settings.fallback)
     rough = fallback.where
     order = np.where(refined.curved, _CURVED, _CONSTANT if settings.surface == "constant" else _PLANE)

@@ -111,8 +111,18 @@ def compare_without_smooth_light(refined: RefinedState, settings: RefinedSetting
         explained = np.asarray(residual <= (_EXPLAINED * noise) ** 2)
         stretch = images.farthest * np.hypot(*fit.theta[1:3, ::step, ::step])
         explained &= stretch <= _LONGEST_STRETCH
+    if images.demosaiced is not None:
+        explained &= _without_strong_aliases(refined)[::step, ::step]
     of_nodes = settings.window_sigma_px / step
     return SmoothLight(Quantities(values, variances, full.fields), explained, whole, of_nodes, step)
+
+
+def _without_strong_aliases(refined: RefinedState) -> Mask:
+    """Return where aliases are weaker than noise: they remain when the smooth part of a texture is gone."""
+    if refined.alias_residual is None:
+        return np.zeros(refined.images.shape, dtype=np.bool_)
+    noise = refined.images.residual_noise(refined.noise_residual)
+    return np.asarray(refined.alias_residual[0] <= noise**2)
 
 
 def _without_smooth_part(images: ImageStack, sigma_px: float) -> ImageStack:
