@@ -46,6 +46,11 @@ class Value:
     unit: str
 
     @property
+    def job(self) -> str:
+        """Name of its job."""
+        return f"{self.case}/{self.scene}" if self.scene else self.case
+
+    @property
     def title(self) -> str:
         """Name of the case, or of the scene."""
         return self.scene or all_cases()[self.case].title
@@ -118,7 +123,7 @@ def losses(methods: Sequence[MethodData]) -> pd.DataFrame:
     lines = []
     for value in values(methods):
         for other in methods:
-            if other.group == BUILT_IN or own is None:
+            if other.group == BUILT_IN or own is None or value.job in own.missing:
                 continue
             there = _levels_of(other, value)
             levels = list(there[there[value.column].notna()]["level"])

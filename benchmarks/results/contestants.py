@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from importlib.metadata import version
 from typing import Any
 
@@ -63,7 +64,7 @@ class Contestant:
     spelled: str = ""
     version: str = ""
 
-    @property
+    @cached_property
     def spec(self) -> MethodSpec:
         """The method with its settings and label."""
         return MethodSpec(self.method, self.settings, label=self.key)

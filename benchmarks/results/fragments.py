@@ -19,7 +19,7 @@ from benchmarks.results.comparison import (
     value_of,
     values,
 )
-from benchmarks.results.contestants import BUILT_IN
+from benchmarks.results.contestants import BUILT_IN, OPENCV, SUBMITTED
 from benchmarks.results.data import MethodData, markdown, select, spelled
 
 from scenetruth.benchmark.cases.case import all_cases
@@ -155,6 +155,8 @@ def summary(results: Results) -> str:
 
 def _is_compared(results: Results, value: Value) -> bool:
     others = [one for one in results.methods if one.group != BUILT_IN]
+    if value.job in results.method(SAME_IMAGES).missing:
+        return False
     return any(not math.isnan(value_of(one, value)[0]) for one in others)
 
 
@@ -176,28 +178,18 @@ def _loss_table(frame: pd.DataFrame, first: str) -> str:
     lines = []
     for row in frame.to_dict("records"):
         title = row["scene"] or all_cases()[row["case"]].title
-        own, whole = (row[f"refined_{name}value"] for name in ("4_", "all_images_"))
+        own, whole = (_number(row[f"refined_{name}value"], row["statistic"]) for name in ("4_", "all_images_"))
+        program = f"**{row['program']}** {_number(row['value'], row['statistic'])}"
+        density = row["refined_4_valid_percent"]
         lines.append(
             [
-                title,
-                _what(row),
-                f"**{row['program']}** {_number(row['value'], row['statistic'])}",
-                spelled(row["valid_percent"]),
-                _number(own, row["statistic"]),
-                spelled(row["refined_4_valid_percent"]),
-                _number(whole, row["statistic"]),
+                f"{title}: {_what(row)}",
+                f"{program} ({spelled(row['valid_percent'])} % valid)",
+                own if math.isnan(density) else f"{own} ({spelled(density)} % valid)",
+                whole,
             ]
         )
-    columns = (
-        first,
-        "value",
-        "most accurate program",
-        "valid, %",
-        "`refined`, 4 images",
-        "valid, %",
-        "`refined`, all images",
-    )
-    return markdown(columns, lines)
+    return markdown((first, "most accurate program", "`refined`, 4 images", "`refined`, all images"), lines)
 
 
 def cost_losses(results: Results) -> str:
@@ -240,34 +232,38 @@ def bars_table(results: Results) -> str:
 
 
 def methods_table(results: Results) -> str:
-    """Return one line for each method."""
+    """Return noise and resolution, one line for each method."""
     lines = []
-    for one, row in zip(results.methods, results.overview.to_dict("records"), strict=True):
-        name = f"[{one.title}]({one.link})" if one.link else one.title
+    for one, row in _rows(results):
         lines.append(
             [
-                f"{name}<br>{one.version}",
+                f"[{one.title}]({one.link})" if one.link else one.title,
                 one.images,
                 *(spelled(row[column]) for column in ("disparity_noise_px", "flow_y_noise_px", "velocity_z_noise_mm")),
-                _number(row["period_of_depth_px"], "period_at_10_percent_loss"),
-                _number(row["period_of_motion_px"], "period_at_10_percent_loss"),
-                *(spelled(row[column]) for column in ("bad_percent", "rms_z", "beyond_3_std_percent", "processor_s")),
-                spelled(row["memory_mb"]),
-                str(row["jobs_without_result"]),
+                *(
+                    _number(row[column], "period_at_10_percent_loss")
+                    for column in ("period_of_depth_px", "period_of_motion_px")
+                ),
             ]
         )
-    columns = (
-        *(
-            "method",
-            "images",
-            "noise of disparity, px",
-            "of flow, px",
-            "of U_Z, mm",
-            "period of depth at 10 % loss, px",
-        ),
-        *("of motion, px", "bad pixels, %", "z, RMS", "beyond 3σ, %", "time, s", "memory, MB", "jobs without result"),
-    )
-    return markdown(columns, lines)
+    noise = ("noise of disparity, px", "noise of flow, px", "noise of U_Z, mm")
+    periods = ("period of depth at 10 % loss, px", "period of motion at 10 % loss, px")
+    return markdown(("method", "images", *noise, *periods), lines)
+
+
+def robustness_table(results: Results) -> str:
+    """Return bad pixels, error bars, time and memory, one line for each method."""
+    numbers = ("bad_percent", "rms_z", "beyond_3_std_percent", "processor_s", "memory_mb")
+    lines = [
+        [f"{one.title}<br>{one.version}", *(spelled(row[name]) for name in numbers), str(row["jobs_without_result"])]
+        for one, row in _rows(results)
+    ]
+    columns = ("bad pixels, %", "z, RMS", "beyond 3σ, %", "time, s", "memory, MB", "jobs without result")
+    return markdown(("method", *columns), lines)
+
+
+def _rows(results: Results) -> list[tuple[MethodData, dict[str, Any]]]:
+    return list(zip(results.methods, results.overview.to_dict("records"), strict=True))
 
 
 def made(results: Results) -> str:
@@ -314,18 +310,20 @@ def gallery_table(results: Results) -> str:
 
 
 def _table_of_values(results: Results, wanted: Sequence[Value], first: str) -> str:
-    lines = []
-    for value in wanted:
-        row = {"unit": value.unit, "quantity": value.quantity, "statistic": value.column}
-        numbers = [value_of(one, value)[0] for one in results.methods]
-        known = [number for number in numbers if not math.isnan(number)]
-        best = min(known, default=math.nan)
-        cells = [
-            f"**{_number(number, value.column)}**" if number == best else _number(number, value.column)
-            for number in numbers
-        ]
-        lines.append([f"{value.title}: {_what(row)}", *cells])
-    return markdown((first, *(one.title for one in results.methods)), lines)
+    """Return two tables: methods with all images and OpenCV, and methods with the images of the programs."""
+    few = [one for one in results.methods if (one.images != "all" and one.group != OPENCV) or one.group == SUBMITTED]
+    tables = []
+    for methods in ([one for one in results.methods if one not in few], few):
+        lines = []
+        for value in wanted:
+            row = {"unit": value.unit, "quantity": value.quantity, "statistic": value.column}
+            numbers = [value_of(one, value)[0] for one in methods]
+            best = min((number for number in numbers if not math.isnan(number)), default=math.nan)
+            cells = [_number(number, value.column) for number in numbers]
+            cells = [f"**{cell}**" if number == best else cell for cell, number in zip(cells, numbers, strict=True)]
+            lines.append([f"{value.title}: {_what(row)}", *cells])
+        tables.append(markdown((first, *(one.title for one in methods)), lines))
+    return "\n\n".join(tables)
 
 
 def settings_table(results: Results) -> str:
@@ -422,6 +420,7 @@ FRAGMENTS: Mapping[str, Callable[[Results], str]] = {
     "cost": cost_losses,
     "error-bars": bars_table,
     "methods": methods_table,
+    "robustness": robustness_table,
     "made": made,
     "cases": cases_table,
     "gallery": gallery_table,

@@ -11,6 +11,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -288,11 +289,16 @@ def _file(job: Job) -> str:
 
 
 def _key(job: Job, one: Contestant) -> str:
-    scenes = [
+    return compute_key({"format": 1, "case": job.case.kind, "scenes": _scenes(job), "method": _identity(one)})
+
+
+@cache
+def _scenes(job: Job) -> list[tuple[Any, ...]]:
+    """Return all scenes of a job as plain values."""
+    return [
         (point.values, point.seeds, job.scene(point).to_dict(), job.case.noise_std(point.values[0]))
         for point in job.points
     ]
-    return compute_key({"format": 1, "case": job.case.kind, "scenes": scenes, "method": _identity(one)})
 
 
 def _identity(one: Contestant) -> Any:

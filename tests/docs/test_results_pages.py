@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +85,8 @@ def test_a_built_in_method_without_a_result_is_a_loss() -> None:
     other = method("other", PROGRAM, [("slope", "30", "disparity", 0.4, 90.0)])
     (line,) = losses([own, other]).query("statistic == 'rmse'").to_dict("records")
     assert (line["program"], line["counts"], math.isnan(line["ratio"])) == ("other", True, True)
+    # One that was not measured yet is none.
+    assert losses([replace(own, missing=("slope",)), other]).empty
 
 
 def test_records_become_one_line_for_each_level_and_quantity() -> None:
