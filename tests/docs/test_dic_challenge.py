@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from benchmarks.dic_challenge.images import SCENE, images_at_rest, noise_of
-from benchmarks.dic_challenge.methods import SETTINGS, displacement
+from benchmarks.dic_challenge.methods import SETTINGS, displacement, strain_row
 from benchmarks.dic_challenge.rows import region_of, row_of
 from benchmarks.dic_challenge.rules import (
     AMPLITUDE_PX,
@@ -122,6 +122,28 @@ def test_amplitude_scales_period_not_noise() -> None:
 def test_code_is_the_mean_of_its_three_lowest_values() -> None:
     assert mean_of_lowest([5.0, 1.0, 3.0, 2.0, math.nan, 0.0]) == 2.0
     assert math.isnan(mean_of_lowest([1.0, 2.0]))
+
+
+@pytest.mark.parametrize(("window", "period"), [(5, 20.0), (11, 40.0), (21, 60.0)])
+def test_strain_of_a_wave_is_that_of_its_line_of_least_squares(window: int, period: float) -> None:
+    wave = 2 * math.pi / period
+    displacements = np.repeat(0.05 / wave * np.sin(wave * (np.arange(81) - 40.0))[:, None], 60, axis=1)
+    offsets = np.arange(-(window // 2), window // 2 + 1)
+    exact = 0.05 * np.sum(offsets * np.sin(wave * offsets)) / (wave * np.sum(offsets**2))
+    row = strain_row(displacements, window)
+    np.testing.assert_allclose(row[window // 2 : -(window // 2)], exact, rtol=1e-12)
+    assert np.isnan(row[: window // 2]).all()
+    # For a white displacement noise of the standard deviation 1: 1 / (root of the window times Σ y²).
+    noise = strain_row(np.random.default_rng(window).normal(size=(81, 20_000)), window)
+    expected = 1 / math.sqrt(window * np.sum(offsets**2))
+    # 20,000 pixels make 950 windows of 21 side by side: 2.3 %, of which four.
+    assert np.nanstd(noise) == pytest.approx(expected, rel=0.1)
+
+
+def test_indicator_of_strain_has_the_square_of_the_period() -> None:
+    moving, at_rest = averaged(17, 2)
+    found = evaluate(moving, at_rest)
+    assert found.strain_mei == pytest.approx(found.mei * found.first_px, rel=1e-12)
 
 
 def speckles(shape: tuple[int, int] = (240, 400), seed: int = 0) -> Array:
