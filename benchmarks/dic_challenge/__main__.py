@@ -183,6 +183,8 @@ def main() -> None:
         else:
             measure(chosen, given.pair or PAIRS[:4], given.folder, data, given.peers)
     for quantity, rows in (("displacement", table(given.folder)), ("strain", strain_table(given.folder))):
+        if not rows:
+            continue
         ranked = summary(rows, quantity)
         for name, lines in ((quantity, rows), (f"{quantity}_ranking", ranked)):
             for place in (given.folder, given.docs / "data"):
@@ -196,7 +198,7 @@ def write_csv(file: Path, rows: Sequence[dict[str, Any]]) -> None:
     """Write rows with six digits."""
     file.parent.mkdir(parents=True, exist_ok=True)
     with write_atomically(file, overwrite=True) as aside, aside.open("w", encoding="utf-8") as opened:
-        writer = csv.DictWriter(opened, rows[0].keys() if rows else ["images"], lineterminator="\n")
+        writer = csv.DictWriter(opened, rows[0].keys(), lineterminator="\n")
         writer.writeheader()
         writer.writerows({key: _short(value) for key, value in row.items()} for row in rows)
 
@@ -230,14 +232,15 @@ def summary(rows: Sequence[dict[str, Any]], quantity: str) -> list[dict[str, str
     count, *values = PUBLISHED[quantity]
     source = SOURCES[0] if quantity == "displacement" else SOURCES[1]
     ends = zip(("best", "median", "worst"), values, strict=True)
-    lines = [(source, f"published, {name} of {count}", "", value, "", "") for name, value in ends]
+    lines = [(source, f"published, {name} of {count}", "", value, "", "", "") for name, value in ends]
     for images, code in dict.fromkeys((row["images"], row["method"]) for row in rows):
         own = [row for row in rows if (row["images"], row["method"]) == (images, code)]
         found = [row["mei_px2"] for row in own if np.isfinite(row["mei_px2"]) and row["mei_px2"] > 0]
         periods = [row["first_px"] for row in own if np.isfinite(row["first_px"])]
         reach = f"{min(periods):.0f} to {max(periods):.0f}" if periods else ""
+        scatter = [row["scatter_ratio"] for row in sorted(own, key=lambda row: row["mei_px2"])[:3]]
         lowest = f"{min(found):.3g}" if found else ""
-        lines.append((images, code, str(len(own)), mean_of_lowest(found), lowest, reach))
+        lines.append((images, code, str(len(own)), mean_of_lowest(found), lowest, reach, f"{np.mean(scatter):.1f}"))
     lines.sort(key=lambda each: (SOURCES.index(each[0]), not np.isfinite(each[3]), each[3], each[1]))
     return [
         {
@@ -247,8 +250,9 @@ def summary(rows: Sequence[dict[str, Any]], quantity: str) -> list[dict[str, str
             "MEI, px²": f"{mean:.3g}" if np.isfinite(mean) else "",
             "lowest": lowest,
             "periods, px": reach,
+            "scatter, moved / at rest": scatter,
         }
-        for images, code, settings, mean, lowest, reach in lines
+        for images, code, settings, mean, lowest, reach, scatter in lines
     ]
 
 

@@ -63,6 +63,9 @@ class Evaluation:
         neighbouring pixels with a common window limit.
     valid_fraction
         Fraction of the columns with a displacement.
+    scatter_ratio
+        Standard deviation of the moved row about the fit, from the first crossing to twice its period, over the noise
+        at rest. It exceeds 1 where the pattern biases the result, and where a method has smaller windows than at rest.
     """
 
     first_px: float
@@ -70,6 +73,7 @@ class Evaluation:
     noise: float
     noise_relative_std: float
     valid_fraction: float
+    scatter_ratio: float
 
     @property
     def mei(self) -> float:
@@ -135,9 +139,14 @@ def evaluate(moving: Array, at_rest: Array, amplitude: float = AMPLITUDE_PX) -> 
     amplitude
         True value along the centre row.
     """
-    first, last = cutoff_periods(periods_px(np.arange(moving.size, dtype=np.float64)), moving / amplitude)
+    periods, known = periods_px(np.arange(moving.size, dtype=np.float64)), np.isfinite(moving)
+    first, last = cutoff_periods(periods, moving / amplitude)
     noise, relative = noise_std(at_rest)
-    return Evaluation(first, last, noise, relative, float(np.isfinite(moving).mean()))
+    near, scatter = known & (periods >= first) & (periods <= 2 * first), float("nan")
+    if near.sum() > _DEGREE:
+        rest = moving / amplitude - Polynomial.fit(periods[known], moving[known] / amplitude, _DEGREE)(periods)
+        scatter = float(amplitude * rest[near].std())
+    return Evaluation(first, last, noise, relative, float(known.mean()), scatter / noise if noise > 0 else float("nan"))
 
 
 def mean_of_lowest(values: Sequence[float]) -> float:

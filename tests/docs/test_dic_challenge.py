@@ -115,8 +115,17 @@ def test_indicator_of_a_window_over_an_area_does_not_depend_on_its_size() -> Non
 def test_amplitude_scales_period_not_noise() -> None:
     moving, at_rest = averaged(17, 1)
     one, other = evaluate(moving, at_rest), evaluate(2 * moving, at_rest, 2 * AMPLITUDE_PX)
-    assert one == other
+    assert one.first_px == other.first_px
+    assert one.noise == other.noise
     assert one.valid_fraction == 1.0
+
+
+def test_scatter_of_the_moved_row_is_that_at_rest_for_the_same_window() -> None:
+    _, at_rest = averaged(17, 1, 0.05)
+    smooth = AMPLITUDE_PX * (1 - 400 / PERIODS**2)
+    # About 75 windows of 17 px lie between 63 and 126 px: 8 %, of which three.
+    assert evaluate(smooth + averaged(17, 5, 0.05)[1], at_rest).scatter_ratio == pytest.approx(1, abs=0.25)
+    assert evaluate(smooth + 3 * averaged(17, 6, 0.05)[1], at_rest).scatter_ratio == pytest.approx(3, abs=0.75)
 
 
 def test_code_is_the_mean_of_its_three_lowest_values() -> None:
@@ -149,7 +158,7 @@ def test_indicator_of_strain_has_the_square_of_the_period() -> None:
 def speckles(shape: tuple[int, int] = (240, 400), seed: int = 0) -> Array:
     """Return a smooth random pattern like that of the challenge, of 8 bits before noise."""
     smooth = gaussian_filter(np.random.default_rng(seed).normal(size=shape), 2.0, mode="wrap")
-    return np.clip(115 + 30 * smooth / smooth.std(), 20, 220)
+    return np.asarray(np.clip(115 + 30 * smooth / smooth.std(), 20, 220))
 
 
 def test_noise_of_an_image_is_measured_and_drawn_again() -> None:
@@ -191,7 +200,7 @@ def test_rows_of_points_and_meshes() -> None:
 
 def test_a_band_of_one_subset_leaves_the_centre_row() -> None:
     region = region_of("run_sun_dic", (81, 4000), 21)
-    assert region.any(axis=1).nonzero()[0].tolist() == list(range(30, 51))
+    assert np.flatnonzero(region.any(axis=1)).tolist() == list(range(30, 51))
     assert region_of("run_pyvale", (81, 4000), 49)[:, 3500].all()
     assert region_of("run_mudic", (81, 4000), 8).all()
 
