@@ -1,9 +1,10 @@
 """Star 5 of the DIC Challenge 2.0 by all methods and programs: ``python -m benchmarks.dic_challenge [NAME...]``.
 
 Rows of displacements are kept in FOLDER/rows, one file for each setting and pair of images; those that are there are
-reused, so that a run that is cut short resumes. The table of FOLDER/dic_challenge.csv and the printed one are made of
-the rows that are there. Environments of the programs: ``python -m benchmarks.peers.setup``; images come with pyvale.
-Images are cut to the 81 rows around the centre row, which is all that is evaluated.
+reused, so that a run that is cut short resumes. The tables ``dic_challenge_*.csv`` are made of the rows that are there.
+Environments of the programs: ``python -m benchmarks.peers.setup``. The images come
+with pyvale, but for those of star 6, which are rendered. They are cut to the 81 rows around the centre row, which is
+all that is evaluated.
 """
 
 from __future__ import annotations
@@ -22,14 +23,24 @@ import numpy as np
 from benchmarks.dic_challenge.images import (
     BAND_PX,
     PAIRS,
+    STRAIN,
     band_of,
     given_pair,
     images_at_rest,
     recording_of,
     rendered_pair,
 )
-from benchmarks.dic_challenge.methods import PROGRAM, SETTINGS, Setting, displacement, rows_of_program
+from benchmarks.dic_challenge.methods import (
+    PROGRAM,
+    SETTINGS,
+    Setting,
+    displacement,
+    displacement_map,
+    rows_of_program,
+    strain_row,
+)
 from benchmarks.dic_challenge.rules import AMPLITUDE_PX, PUBLISHED, evaluate, mean_of_lowest, periods_px
+from benchmarks.dic_challenge.rules import STRAIN as STRAIN_AMPLITUDE
 from benchmarks.jobs import heading, line
 from benchmarks.peers.catalogue import python_of
 from benchmarks.peers.setup import FOLDER as PEERS_FOLDER
@@ -39,6 +50,10 @@ from scenetruth.output import write_atomically
 
 FOLDER = Path("outputs/results/dic_challenge")
 SOURCES = ("given", "rendered")
+STRAIN_PAIRS = ("rendered_strain", "rendered_at_rest")
+STRAIN_WINDOWS_PX = (5, 11, 21)
+"""Sides of the square window of strain, in pixels with a displacement each."""
+_CHANGES = {"rendered": (), "rendered_strain": STRAIN}
 
 
 def images_of(pair: str, folder: Path, data: Path) -> Path:
@@ -48,12 +63,16 @@ def images_of(pair: str, folder: Path, data: Path) -> Path:
         return file
     file.parent.mkdir(parents=True, exist_ok=True)
     at_rest = pair.endswith("at_rest")
-    if pair.startswith("rendered"):
-        first, second, truth = rendered_pair(at_rest=at_rest)
+    if at_rest:
+        source = images_of(pair.removesuffix("_at_rest"), folder, data)
+        # The whole image says more about the noise than its middle.
+        first = given_pair(data)[0] if pair.startswith("given") else np.load(source)[0].astype(np.float64)
+        first, second = images_at_rest(first)
+    elif pair.startswith("rendered"):
+        first, second, truth = rendered_pair(*_CHANGES[pair])
         np.save(file.with_name(f"{pair}_truth.npy"), truth)
     else:
         first, second = given_pair(data)
-        first, second = images_at_rest(first) if at_rest else (first, second)
     with write_atomically(file, overwrite=True) as aside, aside.open("wb") as opened:
         np.save(opened, np.stack([band_of(first), band_of(second)]).astype(np.uint8))
     return file
@@ -79,6 +98,42 @@ def measure(chosen: Sequence[Setting], pairs: Sequence[str], folder: Path, data:
         failed = [file.stem for _, _, file in jobs if not file.exists()]
         if failed:
             print(f"{program}: nothing found for {', '.join(failed)}: {said[-1500:]}", file=sys.stderr, flush=True)
+
+
+def measure_strain(chosen: Sequence[Setting], folder: Path, data: Path) -> None:
+    """Measure the rows of strain that are missing, of methods of scenetruth on the rendered star 6."""
+    (folder / "rows").mkdir(parents=True, exist_ok=True)
+    for setting in chosen:
+        for pair in STRAIN_PAIRS:
+            files = {window: strain_file(folder, setting, pair, window) for window in STRAIN_WINDOWS_PX}
+            if all(file.exists() for file in files.values()):
+                continue
+            first, second = np.load(images_of(pair, folder, data)).astype(np.float64)
+            found = displacement_map(setting, first, second)
+            for window, file in files.items():
+                with write_atomically(file, overwrite=True) as aside, aside.open("wb") as opened:
+                    np.save(opened, strain_row(found, window))
+            print(f"{setting.key}, strain, {pair}", file=sys.stderr, flush=True)
+
+
+def strain_file(folder: Path, setting: Setting, pair: str, window: int) -> Path:
+    """Return the file of a row of strain."""
+    return folder / "rows" / f"{setting.key}_strain_{window}_{pair}.npy"
+
+
+def strain_table(folder: Path) -> list[dict[str, Any]]:
+    """Return the results of strain of all settings and windows whose rows are there."""
+    rows = []
+    for setting in SETTINGS.values():
+        for window in STRAIN_WINDOWS_PX:
+            files = [strain_file(folder, setting, pair, window) for pair in STRAIN_PAIRS]
+            if not all(file.exists() for file in files):
+                continue
+            moving, at_rest = (np.load(file) for file in files)
+            found = evaluate(moving, at_rest, STRAIN_AMPLITUDE)
+            row = {"images": "rendered", "method": setting.code, "group": setting.group, "size_px": setting.size_px}
+            rows.append({**row, "strain_window_px": window, **asdict(found), "mei_px2": found.strain_mei})
+    return rows
 
 
 def row_file(folder: Path, setting: Setting, pair: str) -> Path:
@@ -110,6 +165,8 @@ def main() -> None:
     parser.add_argument("--data", type=Path, help="folder of the challenge's images; default: that of pyvale")
     parser.add_argument("--pair", action="append", choices=PAIRS, help="only these images; repeatable")
     parser.add_argument("--table", action="store_true", help="measure nothing: make the table of what is there")
+    parser.add_argument("--docs", type=Path, default=Path("docs/results"), help="tables go into data (docs/results)")
+    parser.add_argument("--strain", action="store_true", help="measure the strain of star 6 instead")
     parser.add_argument("--field", action="store_true", help="compare the whole band with the analytic field instead")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
@@ -120,17 +177,30 @@ def main() -> None:
         return
     if not given.table:
         chosen = [one for key, one in SETTINGS.items() if not given.names or any(part in key for part in given.names)]
-        measure(chosen, given.pair or PAIRS, given.folder, given.data or data_of_pyvale(given.peers), given.peers)
-    rows = table(given.folder)
-    with write_atomically(given.folder / "dic_challenge.csv", overwrite=True) as aside, aside.open("w") as opened:
-        writer = csv.DictWriter(opened, rows[0].keys() if rows else ["images"], lineterminator="\n")
+        data = given.data or data_of_pyvale(given.peers)
+        if given.strain:
+            measure_strain([one for one in chosen if one.group != PROGRAM], given.folder, data)
+        else:
+            measure(chosen, given.pair or PAIRS[:4], given.folder, data, given.peers)
+    for quantity, rows in (("displacement", table(given.folder)), ("strain", strain_table(given.folder))):
+        if not rows:
+            continue
+        ranked = summary(rows, quantity)
+        for name, lines in ((quantity, rows), (f"{quantity}_ranking", ranked)):
+            for place in (given.folder, given.docs / "data"):
+                write_csv(place / f"dic_challenge_{name}.csv", lines)
+        print(heading(list(ranked[0])))
+        for cells in ranked:
+            print(line(list(cells.values())))
+
+
+def write_csv(file: Path, rows: Sequence[dict[str, Any]]) -> None:
+    """Write rows with six digits."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with write_atomically(file, overwrite=True) as aside, aside.open("w", encoding="utf-8") as opened:
+        writer = csv.DictWriter(opened, rows[0].keys(), lineterminator="\n")
         writer.writeheader()
         writer.writerows({key: _short(value) for key, value in row.items()} for row in rows)
-    print(heading(("images", "method", "settings", "MEI of displacement, px²", "lowest", "range of periods, px")))
-    for cells in summary(rows):
-        print(line(cells))
-    for quantity, (count, *values) in PUBLISHED.items():
-        print(f"published, {quantity}, {count} codes: best {values[0]}, median {values[1]}, worst {values[2]}")
 
 
 def field_rows(folder: Path, data: Path) -> list[list[str]]:
@@ -157,21 +227,32 @@ def field_rows(folder: Path, data: Path) -> list[list[str]]:
     return cells
 
 
-def summary(rows: Sequence[dict[str, Any]]) -> list[list[str]]:
-    """Return a line per source and method, those with the lowest MEI first."""
-    lines = []
-    for source, code in dict.fromkeys((row["images"], row["method"]) for row in rows):
-        own = [row for row in rows if (row["images"], row["method"]) == (source, code)]
-        values = [row["mei_px2"] for row in own if np.isfinite(row["mei_px2"]) and row["mei_px2"] > 0]
+def summary(rows: Sequence[dict[str, Any]], quantity: str) -> list[dict[str, str]]:
+    """Return a line per source and method among the published values, those with the lowest MEI first."""
+    count, *values = PUBLISHED[quantity]
+    source = SOURCES[0] if quantity == "displacement" else SOURCES[1]
+    ends = zip(("best", "median", "worst"), values, strict=True)
+    lines = [(source, f"published, {name} of {count}", "", value, "", "", "") for name, value in ends]
+    for images, code in dict.fromkeys((row["images"], row["method"]) for row in rows):
+        own = [row for row in rows if (row["images"], row["method"]) == (images, code)]
+        found = [row["mei_px2"] for row in own if np.isfinite(row["mei_px2"]) and row["mei_px2"] > 0]
         periods = [row["first_px"] for row in own if np.isfinite(row["first_px"])]
         reach = f"{min(periods):.0f} to {max(periods):.0f}" if periods else ""
-        mean, least = mean_of_lowest(values), min(values, default=float("nan"))
-        lines.append(
-            (SOURCES.index(source), mean if np.isfinite(mean) else least + 1e3, source, code, own, least, reach)
-        )
+        scatter = [row["scatter_ratio"] for row in sorted(own, key=lambda row: row["mei_px2"])[:3]]
+        lowest = f"{min(found):.3g}" if found else ""
+        lines.append((images, code, str(len(own)), mean_of_lowest(found), lowest, reach, f"{np.mean(scatter):.1f}"))
+    lines.sort(key=lambda each: (SOURCES.index(each[0]), not np.isfinite(each[3]), each[3], each[1]))
     return [
-        [source, code, str(len(own)), f"{mean:.3f}" if mean < 1e3 else "", f"{least:.3f}", reach]
-        for _, mean, source, code, own, least, reach in sorted(lines, key=lambda each: each[:2])
+        {
+            "images": images,
+            "method": code,
+            "settings": settings,
+            "MEI, px²": f"{mean:.3g}" if np.isfinite(mean) else "",
+            "lowest": lowest,
+            "periods, px": reach,
+            "scatter, moved / at rest": scatter,
+        }
+        for images, code, settings, mean, lowest, reach, scatter in lines
     ]
 
 

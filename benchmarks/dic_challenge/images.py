@@ -1,6 +1,6 @@
 """Images of star 5: those of the challenge, as they come with pyvale, and rendered ones of star5.yaml.
 
-The image at rest of the challenge does not come with pyvale. Two images at rest are made from its reference: the
+The image at rest of the challenge does not come with pyvale. Two images at rest are made from a reference: the
 reference without its noise (Wiener filter of the mean spectrum over directions), and twice noise of the level of the
 reference itself, whose variance is linear in the grey value. What the filter leaves of the noise belongs to the pattern
 of both images: it raises the variance of the vertical gradient by less than 1 %.
@@ -22,6 +22,7 @@ __all__ = [
     "BAND_PX",
     "PAIRS",
     "SCENE",
+    "STRAIN",
     "band_of",
     "given_pair",
     "images_at_rest",
@@ -31,7 +32,7 @@ __all__ = [
     "without_noise",
 ]
 
-PAIRS = ("given", "given_at_rest", "rendered", "rendered_at_rest")
+PAIRS = ("given", "given_at_rest", "rendered", "rendered_at_rest", "rendered_strain")
 SCENE = Path(__file__).with_name("star5.yaml")
 BAND_PX = 40
 """Rows above and below the centre row that methods see."""
@@ -41,7 +42,13 @@ RENDERED_BAND = (
     "objects.0.mesh.resolution_mm=0.05",
 )
 """The middle of the scene with triangles of half a pixel, whose vertices lie between the centres of pixels."""
-AT_REST = "objects.0.deformation.0.amplitude_mm={kind: linear, rate_per_frame: 0}"
+STRAIN = (
+    "camera.height=61",
+    "objects.0.mesh.size_mm=[402.05, 8.05]",
+    "objects.0.deformation.0="
+    "{kind: star_strain, strain: {kind: linear, rate_per_frame: 0.05}, period_mm: [0.9220625, 30.0706875]}",
+)
+"""Star 6 of the challenge, whose images do not come with pyvale: strain of 5 % at every period."""
 _LIMITS = st.Limits(vertices=3e6)
 _FILES = ("DIC_Challenge_Star_Noise_Ref.tiff", "DIC_Challenge_Star_Noise_Def.tiff")
 # Differences of this order pass the highest frequencies alone, where the speckles have no power.
@@ -102,10 +109,9 @@ def images_at_rest(reference: Image, seed: int = 0) -> tuple[Image, Image]:
     return first, second
 
 
-def rendered_pair(*, at_rest: bool) -> tuple[Image, Image, Image]:
+def rendered_pair(*changes: str) -> tuple[Image, Image, Image]:
     """Return both images of the rendered star, grey values of 8 bits, and the true displacement along y, px."""
-    changes = [*RENDERED_BAND, *([AT_REST] if at_rest else [])]
-    recording, truth = st.simulate(st.load_scene(SCENE, overrides=changes), limits=_LIMITS)
+    recording, truth = st.simulate(st.load_scene(SCENE, overrides=[*RENDERED_BAND, *changes]), limits=_LIMITS)
     first, second = (recording["image"].isel(s=0).sel(t=t).values.astype(np.float64) for t in (0, 1))
     scale = 255 / float(recording.attrs["full_scale"])
     return first * scale, second * scale, truth["flow"].isel(image_component=1).sel(t=0).values
@@ -114,7 +120,7 @@ def rendered_pair(*, at_rest: bool) -> tuple[Image, Image, Image]:
 def band_of(image: Image, rows: int = BAND_PX) -> Image:
     """Return the rows around the centre row."""
     centre = image.shape[0] // 2
-    return image[centre - rows : centre + rows + 1]
+    return image[max(0, centre - rows) : centre + rows + 1]
 
 
 def recording_of(first: Image, second: Image) -> xr.Dataset:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 import scenetruth as st
 
-__all__ = ["PROGRAM", "SETTINGS", "Setting", "displacement", "rows_of_program"]
+__all__ = ["PROGRAM", "SETTINGS", "Setting", "displacement", "displacement_map", "rows_of_program", "strain_row"]
 
 PROGRAM = "program"
 SHIFT_PX = 24
@@ -72,12 +72,27 @@ def displacement(setting: Setting, first: Image, second: Image) -> Row:
     first, second
         Both images, of 8 bits.
     """
+    found = displacement_map(setting, first, second)
+    return np.asarray(found[found.shape[0] // 2])
+
+
+def displacement_map(setting: Setting, first: Image, second: Image) -> Row:
+    """Return the displacement along y of all pixels, px; NaN where the method has none."""
     if setting.method in _OF_DISPARITY:
         return _of_disparity(setting, first, second)
     found = st.estimate(recording_of(first, second), setting.method, setting.settings).sel(t=0)
-    centre = found.sizes["y"] // 2
-    row = found["flow"].isel(image_component=1, y=centre).values.astype(np.float64)
-    return np.where(found["status"].isel(y=centre).values == _VALID, row, np.nan)
+    flow = found["flow"].isel(image_component=1).values.astype(np.float64)
+    return np.where(found["status"].values == _VALID, flow, np.nan)
+
+
+def strain_row(displacements: Row, window_px: int) -> Row:
+    """Return ∂v/∂y in the centre row: the slope of the plane through a square window of a map of displacements."""
+    centre, half = displacements.shape[0] // 2, window_px // 2
+    offsets = np.arange(-half, half + 1, dtype=np.float64)
+    slopes = offsets @ displacements[centre - half : centre + half + 1] / (offsets @ offsets)
+    found = np.full(slopes.size, np.nan)
+    found[half : slopes.size - half] = np.convolve(slopes, np.ones(window_px) / window_px, "valid")
+    return found
 
 
 _OF_DISPARITY = ("plane_sweep", "opencv_stereo")
@@ -92,9 +107,8 @@ def _of_disparity(setting: Setting, first: Image, second: Image) -> Row:
     recording = st.make_recording(turned, focal_length_px=5000.0, baseline_mm=1.0)
     found = st.estimate(recording, setting.method, setting.settings)
     found = found.isel(t=0) if "t" in found.dims else found
-    centre = found.sizes["x"] // 2
-    row = SHIFT_PX - found["disparity"].isel(x=centre).values.astype(np.float64)
-    return np.where(found["status"].isel(x=centre).values == _VALID, row, np.nan)
+    disparity = found["disparity"].values.astype(np.float64)
+    return np.asarray(np.where(found["status"].values == _VALID, SHIFT_PX - disparity, np.nan).T)
 
 
 def rows_of_program(program: str, jobs: Sequence[tuple[Setting, Path, Path]], peers: Path) -> str:

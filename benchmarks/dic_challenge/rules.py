@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 __all__ = [
     "AMPLITUDE_PX",
     "PUBLISHED",
+    "STRAIN",
     "WIDTH_PX",
     "Evaluation",
     "cutoff_periods",
@@ -34,6 +35,7 @@ __all__ = [
 ]
 
 AMPLITUDE_PX = 0.5
+STRAIN = 0.05
 WIDTH_PX = 4000
 _SHORTEST_PX, _LONGEST_PX = 10.0, 300.0
 _DEGREE = 12
@@ -56,23 +58,32 @@ class Evaluation:
     first_px, last_px
         Period at 10 % loss: the first and the last upward crossing of the fit. Zero: the fit is never below; NaN: it
         never rises through 0.9.
-    noise_px, noise_relative_std
-        Standard deviation along the row at rest, and the relative standard deviation of that value, which neighbouring
-        pixels with a common window limit.
+    noise, noise_relative_std
+        Standard deviation along the row at rest, px or 1, and the relative standard deviation of that value, which
+        neighbouring pixels with a common window limit.
     valid_fraction
         Fraction of the columns with a displacement.
+    scatter_ratio
+        Standard deviation of the moved row about the fit, from the first crossing to twice its period, over the noise
+        at rest. It exceeds 1 where the pattern biases the result, and where a method has smaller windows than at rest.
     """
 
     first_px: float
     last_px: float
-    noise_px: float
+    noise: float
     noise_relative_std: float
     valid_fraction: float
+    scatter_ratio: float
 
     @property
     def mei(self) -> float:
         """MEI of displacement in px², with the first crossing."""
-        return self.first_px * self.noise_px
+        return self.first_px * self.noise
+
+    @property
+    def strain_mei(self) -> float:
+        """MEI of strain in px², with the first crossing."""
+        return self.first_px**2 * self.noise
 
 
 def periods_px(columns: Array) -> Array:
@@ -118,19 +129,24 @@ def noise_std(row: Array) -> tuple[float, float]:
     return float(centred.std()), float(np.sqrt(repeated / (2 * centred.size)))
 
 
-def evaluate(moving: Array, at_rest: Array, amplitude_px: float = AMPLITUDE_PX) -> Evaluation:
-    """Return period, noise and their product of the displacements along the centre row, shape (width,), px.
+def evaluate(moving: Array, at_rest: Array, amplitude: float = AMPLITUDE_PX) -> Evaluation:
+    """Return period and noise of the displacements or strains along the centre row, shape (width,).
 
     Parameters
     ----------
     moving, at_rest
-        Displacement along y of the moved pair and of the pair at rest; NaN where there is none.
-    amplitude_px
-        True displacement along the centre row.
+        Displacement along y, px, or strain of the moved pair and of the pair at rest; NaN where there is none.
+    amplitude
+        True value along the centre row.
     """
-    first, last = cutoff_periods(periods_px(np.arange(moving.size, dtype=np.float64)), moving / amplitude_px)
+    periods, known = periods_px(np.arange(moving.size, dtype=np.float64)), np.isfinite(moving)
+    first, last = cutoff_periods(periods, moving / amplitude)
     noise, relative = noise_std(at_rest)
-    return Evaluation(first, last, noise, relative, float(np.isfinite(moving).mean()))
+    near, scatter = known & (periods >= first) & (periods <= 2 * first), float("nan")
+    if near.sum() > _DEGREE:
+        rest = moving / amplitude - Polynomial.fit(periods[known], moving[known] / amplitude, _DEGREE)(periods)
+        scatter = float(amplitude * rest[near].std())
+    return Evaluation(first, last, noise, relative, float(known.mean()), scatter / noise if noise > 0 else float("nan"))
 
 
 def mean_of_lowest(values: Sequence[float]) -> float:

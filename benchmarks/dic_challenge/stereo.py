@@ -159,7 +159,8 @@ def points_of_pyvale(data: Path, folder: Path, peers: Path) -> dict[str, Array]:
         told |= {"subset": SUBSET_PX, "step": STEP_PX}
         program = Path(__file__).with_name("stereo_pyvale.py")
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE"}
-        subprocess.run([str(python_of(peers, "pyvale")), str(program), json.dumps(told)], check=True, env=environment)
+        words = [str(python_of(peers, "pyvale")), str(program), json.dumps(told)]
+        subprocess.run(words, check=True, env=environment, cwd=folder)
     return dict(np.load(file))
 
 

@@ -65,6 +65,7 @@ ENTRIES: dict[str, dict[str, Any]] = {
     "unrolling": {**ROLL, "front_mm": {"kind": "linear", "start": 15, "rate_per_frame": 0.7}, "tightening": 0.05},
     "unrolling, a circle": {**ROLL, "radius_mm": 8, "front_mm": swing(2, 25), "tightening": 0, "side": "lower"},
     "star": {"kind": "star", "amplitude_mm": swing(0.5), "period_mm": [5, 30]},
+    "star of strain": {"kind": "star_strain", "strain": swing(0.1), "period_mm": [5, 30]},
 }
 MOTIONS: TypeAdapter[Any] = TypeAdapter(Motion | Deformation)
 
@@ -238,6 +239,17 @@ def test_the_star_has_the_stated_periods() -> None:
         found = positions([star], np.stack([np.full_like(y, x), y, 0 * y], 1), 0.0)
         np.testing.assert_allclose(found[:, 1] - y, 0.5 * np.cos(2 * np.pi * y / period), atol=1e-14)
         np.testing.assert_allclose(found[:, [0, 2]], np.stack([np.full_like(y, x), 0 * y], 1), atol=0)
+
+
+def test_the_star_of_strain_has_the_same_strain_at_every_period() -> None:
+    star = made(entry("star of strain", strain=0.05, period_mm=[4, 24]))
+    y, step = np.linspace(-12, 12, 49), 1e-4
+    for x, period in ((0.0, 4.0), (40.0, 24.0), (20.0, 14.0)):
+        at = [positions([star], np.stack([np.full_like(y, x), y + off, 0 * y], 1), 0.0) for off in (-step, step)]
+        strain = (at[1][:, 1] - at[0][:, 1]) / (2 * step) - 1
+        # The third derivative of the displacement times a sixth of the square of the step: 2e-10; rounding: 1e-11.
+        np.testing.assert_allclose(strain, 0.05 * np.cos(2 * np.pi * y / period), atol=1e-9)
+        np.testing.assert_allclose(at[0][:, [0, 2]], np.stack([np.full_like(y, x), 0 * y], 1), atol=0)
 
 
 def test_sheets_face_the_upper_side() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -28,6 +29,7 @@ __all__ = [
     "Hinge",
     "OwnFrameModel",
     "StarDisplacement",
+    "StarStrain",
     "Surroundings",
     "Unrolling",
     "roll_problem",
@@ -338,19 +340,48 @@ class StarDisplacement(DeformationModel):
 
     def point_map(self, around: Surroundings) -> PointMap:
         """Return the point map, see `DeformationModel`."""
-        left, right = around.extent_mm
-        at_left, at_right = self.period_mm
-        slope = (at_right - at_left) / (right - left) if right > left else 0.0
+        period = _star_period(self.period_mm, around.extent_mm)
 
         def displace(points: Points, t: JetField) -> Points:
             x, y, z = points
-            return (
-                x,
-                y + evaluate_curve(self.amplitude_mm, t) * np.cos(2 * np.pi * y / (at_left + slope * (x - left))),
-                z,
-            )
+            return x, y + evaluate_curve(self.amplitude_mm, t) * np.cos(2 * np.pi * y / period(x)), z
 
         return displace
+
+
+class StarStrain(DeformationModel):
+    """Star pattern of strain (DIC Challenge 2.0, Reu et al. 2022): V = strain p / (2 π) sin(2 π Y / p), p linear in X.
+
+    The gradient ∂V/∂Y = strain cos(2 π Y / p) has the same amplitude at every period.
+    """
+
+    in_the_flat: ClassVar[bool] = True
+
+    kind: Literal["star_strain"]
+    """``star_strain``."""
+    strain: TimeCurve
+    """Amplitude of ∂V/∂Y."""
+    period_mm: tuple[Positive, Positive]
+    """Period p at the smallest and largest X of the mesh in mm."""
+
+    def point_map(self, around: Surroundings) -> PointMap:
+        """Return the point map, see `DeformationModel`."""
+        period = _star_period(self.period_mm, around.extent_mm)
+
+        def displace(points: Points, t: JetField) -> Points:
+            x, y, z = points
+            waves = 2 * np.pi / period(x)
+            return x, y + evaluate_curve(self.strain, t) / waves * np.sin(waves * y), z
+
+        return displace
+
+
+def _star_period(period_mm: tuple[float, float], extent_mm: tuple[float, float]) -> Callable[[Any], Any]:
+    """Return the period of a star as a function of X: linear between the smallest and largest X."""
+    left, right = extent_mm
+    at_left, at_right = period_mm
+    slope = (at_right - at_left) / (right - left) if right > left else 0.0
+    return lambda x: at_left + slope * (x - left)
 
 
 class Unrolling(DeformationModel):
