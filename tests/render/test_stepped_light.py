@@ -45,7 +45,7 @@ def even_samples(scene: st.Scene, world: BuiltScene, parts: int = PARTS) -> NDAr
     """Return the image by equally spaced samples, which does without rules."""
     camera = scene.camera
     fine = RaycastRenderer(world, camera.refined(parts, 0), scene.background, 1, scene.lighting).render(0.0, ON_AXIS)
-    return fine.reshape(camera.height, parts, camera.width, parts).mean(axis=(1, 3), dtype=np.float64)
+    return np.asarray(fine.reshape(camera.height, parts, camera.width, parts).mean(axis=(1, 3), dtype=np.float64))
 
 
 def rms(values: NDArray[Any]) -> float:
