@@ -47,7 +47,7 @@ def project_aliases(images: Map, right: Map, down: Map) -> Map:
     """Return sums over the images at n pixels, shape (10, n), whose means over a window `separate` evaluates.
 
     Squares and degrees of freedom of all residuals, and of those without aliases; and for the carriers along x and
-    along y the squares of the amplitudes, their variance by noise of 1, and the squares of the shares that are found.
+    along y the squares of the amplitudes, their variance by noise of 1, and the squares of the estimated shares.
 
     ``images``: Registered grey values, shape (images, n); NaN where invalid.
     ``right``, ``down``: Positions of the points in the images in px, of the same shape.

@@ -32,7 +32,7 @@ __all__ = ["compute_phase_error_px", "enlarge_variances", "interpolation_error"]
 _TAPS = 16  # half-width of the filters
 _TEXTURE, _ALIAS = 0.15, 0.35  # frequencies up to which waves of demosaiced images are texture, and from which aliases
 # Aliases: largest amplitude of the displacement in px, of those as strong as the texture; smallest share of the squared
-# gradient that is due to the texture; wave number of long ones in rad per px.
+# gradient that is due to the texture; wave number of long aliases in rad per px.
 _MOST_PX, _LEAST_OF_TEXTURE, _LONG = 1.5, 0.3, 0.9
 _BLOCKS = 2.0  # blocks per standard deviation of a window
 _ABOVE = 3.0  # smallest ratio of the power of fine waves to the standard error of that of noise
