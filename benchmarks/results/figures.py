@@ -71,6 +71,9 @@ def draw_resolution(results: Results, file: Path) -> Path:
                     markeredgecolor="white",
                 )
             axis.set(xlabel="period at 10 % loss, px (triangle to the right: over 96)", ylabel=label, title=title)
+            if not axis.lines:
+                axis.text(0.5, 0.5, "not measured yet", ha="center", va="center", transform=axis.transAxes)
+                continue
             axis.set_yscale("log")
             axis.grid(alpha=0.3, which="both")
         handles: dict[str, Any] = {}

@@ -150,6 +150,13 @@ def summary(results: Results) -> str:
         f"{len(results.methods)} rows: {len(results.methods) - len(programs)} of built-in methods, {len(programs)} of "
         f"other programs. Measured on {date}.",
     ]
+    missing = sum(len(one.missing) for one in results.methods)
+    if missing:
+        lines.insert(
+            0,
+            f"**This measurement is not complete**: {missing} jobs (a method on a case, or on a scene of the gallery) "
+            f"were not measured yet, and are missing below; `make results` continues.",
+        )
     return "\n\n".join(lines)
 
 
@@ -169,6 +176,8 @@ def losses_table(results: Results) -> str:
 def gallery_losses(results: Results) -> str:
     """Return the complete scenes on which a program is ahead."""
     best = results.best_losses
+    if not any(value.case == GALLERY for value in results.values):
+        return "Not measured yet."
     return _loss_table(best[best["case"] == GALLERY], "scene")
 
 
