@@ -35,7 +35,7 @@ def test_choices_redraw(page: Any) -> None:
 
 
 def test_tables_sort(page: Any) -> None:
-    page.locator("summary").click()
+    page.locator("section[aria-labelledby=numbers] > details > summary").click()
     button = page.locator("#points th:nth-child(6) button")
     button.click()
     cells = page.eval_on_selector_all(

@@ -276,6 +276,10 @@ window.scenetruthPage = (() => {
       if (rest.length === 2) shown[name].title.text = value;
       else shown[name][rest[0]] = value;
     }
+    // Numbers next to bars need more of a narrow chart.
+    const bars = data.some((trace) => trace.type === "bar" && trace.orientation === "h" && trace.text);
+    const [low, high] = (shown.xaxis && shown.xaxis.range) || [0, 0];
+    if (bars && low < 0 && place.clientWidth < 520) shown.xaxis.range = [low - 0.4 * (high - low), high];
     if (shown.height && layout.title) shown.height -= Math.max(0, ((layout.margin || {}).t || 60) - margin.t);
     Plotly.newPlot(place, structuredClone(data), shown, Object.assign({displayModeBar: "hover"}, more));
     let width = place.clientWidth;

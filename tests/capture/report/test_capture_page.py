@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from scenetruth.capture.report import CaptureResults, draw_noise, noise_words, w
 from tests.helpers.board_captures import changed_capture
 from tests.helpers.nightly import nightly
 from tests.helpers.page_words import without_definitions
+from tests.helpers.synthetic_case import make_growing_case
 
 FIGURES = {
     "residuals.png", "board_images.png", "board_coverage.png", "depth_budget.png", "depth_error.png",
@@ -86,3 +88,21 @@ def test_capture_without_board_and_frames_has_a_page(board_capture: Path, tmp_pa
     assert "Not measured: add files.dark and files.flat." in page
     assert draw_noise(folder, None, tmp_path) == []
     assert noise_words(folder, None) == ["Not measured: add files.dark and files.flat."]
+
+
+@pytest.mark.parametrize("stated", [False, True])
+def test_growth_is_shown_with_its_uncertainty_only(stated: bool, results: CaptureResults, tmp_path: Path) -> None:
+    estimate = make_growing_case(32, 24, 250.0).estimate
+    estimate = estimate.drop_vars([name for name in estimate if str(name).startswith("growth_rate_std")])
+    if stated:
+        # 0.001 per frame of 60 s is 6 % per hour.
+        estimate = estimate.assign(growth_rate_std=0.001 + 0 * estimate["depth"].fillna(0))
+    estimate.attrs["frame_interval_s"] = 60.0
+    figures, pictures = tmp_path / "figures", tmp_path / "pictures"
+    figures.mkdir()
+    pictures.mkdir()
+    Image.new("RGB", (8, 6)).save(figures / "growth_rate.png")
+    shown = replace(results, estimate=estimate, figures=figures, calibration=None, solution=None)
+    page = without_definitions(write_capture_page(shown, pictures))
+    assert ("Median standard uncertainty of a pixel: 6 %/h." in page) is stated
+    assert ("<b>Growth rate.</b>" in page) is stated

@@ -23,6 +23,7 @@ from scenetruth.glossary import define_terms
 from scenetruth.html import HtmlTable, make_table, template_environment
 from scenetruth.number_format import format_two_digits
 from scenetruth.progress import Progress
+from scenetruth.scoring.error_pairs import read_std
 from scenetruth.scoring.figures import FigureInfo
 from scenetruth.scoring.report.score_report import inline_picture
 
@@ -196,14 +197,29 @@ def _estimate_figures(results: CaptureResults, pictures: Path) -> list[tuple[Fig
     own = [] if results.estimate is None else _inlined(draw_depth_std(results.estimate, pictures), pictures)
     if results.figures is None or not results.figures.is_dir():
         return own
-    # Growth is a small difference of large numbers: without a standard deviation, it may be noise.
-    stated = results.estimate is not None and "growth_rate_std" in results.estimate
+    titles = dict(_TITLES)
+    # Growth is a small difference of large numbers: without its standard uncertainty, it may be noise.
+    growth_std = None if results.estimate is None else _median_growth_std(results.estimate)
+    if growth_std is None:
+        titles.pop("growth_rate")
+    else:
+        name, words = titles["growth_rate"]
+        stated = f"{words} Median standard uncertainty of a pixel: {format_two_digits(growth_std)} %/h."
+        titles["growth_rate"] = (name, stated)
     found = [
-        FigureInfo(f"{name}.png", *_TITLES[name])
+        FigureInfo(f"{name}.png", *titles[name])
         for name in _SHOWN_FIGURES
-        if (results.figures / f"{name}.png").exists() and (name != "growth_rate" or stated)
+        if name in titles and (results.figures / f"{name}.png").exists()
     ]
     return _inlined(found, results.figures) + own
+
+
+def _median_growth_std(estimate: xr.Dataset) -> float | None:
+    """Return the median standard deviation of growth in %/h; None if none is stated."""
+    std = (
+        read_std(estimate.isel(t=[estimate.sizes["t"] // 2]), "growth_rate") if "growth_rate_std" in estimate else None
+    )
+    return None if std is None or not np.isfinite(std).any() else float(np.nanmedian(std))
 
 
 def _suggestion_table(found: Sequence[Suggestion], budget: DepthBudget) -> HtmlTable:

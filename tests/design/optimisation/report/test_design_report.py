@@ -303,6 +303,10 @@ def test_tables_hold_what_was_found(sample: DesignResult) -> None:
     constraints = build_constraint_table(sample.recommended)
     assert constraints.lines[0][0].text == "field of view along x"
     assert [cell.text for cell in constraints.lines[0][1:3]] == ["59.9 mm", "at least 55 mm"]
+    # Ratios have no unit.
+    first = replace(sample.recommended.constraints[0], value=0.494, limit=0.5, unit="1", sense="at most", margin=0.01)
+    (ratio,) = build_constraint_table(replace(sample.recommended, constraints=(first,))).lines
+    assert [cell.text for cell in ratio[1:3]] == ["0.494", "at most 0.5"]
     # What does not hold comes first, whatever its margin.
     assert build_constraint_table(sample.front[4]).lines[0][4].text == "no"
     assert [line[6].text for line in build_discrepancy_table(sample).lines[:2]] == ["1.06", "1.30"]

@@ -107,13 +107,18 @@ def build_front_table(design: DesignResult) -> HtmlTable:
     )
 
 
+def _with_unit(text: str, unit: str) -> str:
+    """Return a number with its unit; ratios have none."""
+    return text if unit in ("", "1") else f"{text} {unit}"
+
+
 def build_constraint_table(rig: RigDesign) -> HtmlTable:
     """Return the table of constraints of a rig, the tightest first."""
     lines = [
         [
             HtmlCell(one.title),
-            HtmlCell(f"{format_length(one.value)} {one.unit}".rstrip(), _finite(one.value)),
-            HtmlCell(f"{one.sense} {format_length(one.limit)} {one.unit}".rstrip(), one.limit),
+            HtmlCell(_with_unit(format_length(one.value), one.unit), _finite(one.value)),
+            HtmlCell(_with_unit(f"{one.sense} {format_length(one.limit)}", one.unit), one.limit),
             HtmlCell(format_percent(one.margin), one.margin if math.isfinite(one.margin) else None),
             HtmlCell("yes" if one.holds else "no"),
         ]
