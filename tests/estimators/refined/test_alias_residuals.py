@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
-import xarray as xr
 
-import scenetruth as st
 from scenetruth.estimators.refined import project_aliases, separate
-from tests.helpers.demosaiced_waves import plane_recording, random_waves
-from tests.helpers.nightly import nightly
 
 CAMERAS, FRAMES, PIXELS = 5, 3, 2000
 S, T = np.tile(np.arange(CAMERAS) - 2.0, FRAMES)[:, None], np.repeat(np.arange(FRAMES) - 1.0, CAMERAS)[:, None]
@@ -55,20 +49,3 @@ def test_aliases_of_equal_phase_in_all_images_are_no_residual() -> None:
     positions = 50.0 - 6.0 * S + np.zeros(PIXELS), 40.0 + 0.0 * S + np.zeros(PIXELS)
     images = 1.0 + np.cos(np.pi * positions[0]) * np.random.default_rng(3).normal(size=PIXELS)
     np.testing.assert_allclose(separate(project_aliases(images, *positions).mean(axis=1)), 0.0, atol=1e-12)
-
-
-@nightly
-@pytest.mark.parametrize("method", ["bilinear", "malvar"])
-def test_fine_textures_behind_a_colour_filter_are_valid_with_their_errors(method: Any) -> None:
-    """Waves of 4 to 12 px have strong aliases; standard deviations contain the error, but are not much wider."""
-    waves = random_waves(4, 12, (1.0, 0.6, 0.3))
-    estimate = st.estimate(_noisy(plane_recording(waves, 0.3, "RGGB", method), method), "refined", surface="plane")
-    inner = {"t": 0, "y": slice(14, -14), "x": slice(20, -20)}
-    error = (estimate["disparity"] - 0.3).isel(inner)
-    assert float(estimate["valid"].isel(inner).mean()) > 0.9
-    assert 0.3 < float(np.sqrt(((error / estimate["disparity_std"].isel(inner)) ** 2).mean())) < 1.5
-
-
-def _noisy(recording: xr.Dataset, method: str) -> xr.Dataset:
-    image = recording["image"] + np.random.default_rng(4).normal(0.0, 0.003, recording["image"].shape)
-    return recording.assign(image=image.astype(np.float32)).assign_attrs(demosaicing=method)
