@@ -62,7 +62,7 @@ def test_decisions_on_targets_have_their_error_rates(count: int, scatter: float)
     draws = np.exp(scatter * generator.standard_normal((2000, count + 1)) - scatter**2)
     found = [decide_target(row[:-1], 1.0) for row in draws]
     answers = [one.answer for one in found]
-    assert 0.93 - 0.02 < answers.count("not yet known") / len(found) < 0.97 + 0.02
+    assert 0.93 - 0.02 < answers.count("undecided") / len(found) < 0.97 + 0.02
     # The stated chance of a further recording is the fraction that reaches the target, within four standard errors.
     reached = draws[:, -1] <= 1.0
     assert np.mean([one.chance for one in found]) == pytest.approx(reached.mean(), abs=0.045)
@@ -75,5 +75,5 @@ def test_decisions_on_targets_have_their_error_rates(count: int, scatter: float)
 def test_targets_without_enough_recordings_are_not_decided() -> None:
     for values in ((), (0.1,), (0.1, float("nan")), (0.0, 0.1)):
         found = decide_target(values, 1.0)
-        assert found.answer == "not yet known"
+        assert found.answer == "undecided"
         assert np.isnan([found.ci_low, found.ci_high, found.chance]).all()

@@ -21,11 +21,11 @@ from tests.helpers.small_specification import objective
 @pytest.mark.parametrize(
     ("wanted", "simulated", "verdict"),
     [
-        (0.5, (), "target 0.5: Not yet known: the prediction meets it, without a simulation"),
-        (0.1, (), "target 0.1: Not yet known: the prediction does not meet it, without a simulation"),
+        (0.5, (), "target 0.5: Undecided: the prediction meets it, without a simulation"),
+        (0.1, (), "target 0.1: Undecided: the prediction does not meet it, without a simulation"),
         (0.5, (0.29, 0.3, 0.31), "target 0.5: Yes: at most"),
-        (0.5, (0.2, 0.3, 0.7), "target 0.5: Not yet known: "),
-        (0.5, (0.3,), "target 0.5: Not yet known: one recording cannot decide it"),
+        (0.5, (0.2, 0.3, 0.7), "target 0.5: Undecided: "),
+        (0.5, (0.3,), "target 0.5: Undecided: one recording cannot decide it"),
         # The prediction would reach it, and the simulation does not.
         (0.25, (0.29, 0.3, 0.31), "target 0.25: No: at least"),
     ],

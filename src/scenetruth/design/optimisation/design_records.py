@@ -209,7 +209,7 @@ class Discrepancy:
     says: str
 
 
-Answer = Literal["yes", "no", "not yet known"]
+Answer = Literal["yes", "no", "undecided"]
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ class TargetDecision:
     """Whether a rig reaches the target of an objective.
 
     ``answer``: ``"yes"`` or ``"no"`` if the 95 % confidence interval of the RMS over recordings is on one side of the
-    target, else ``"not yet known"``: more seeds decide, unless the rig is at the target.
+    target, else ``"undecided"``: more seeds decide, unless the rig is at the target.
     ``ci_low``, ``ci_high``: The interval; NaN with fewer than two valid seeds.
     ``chance``: Probability that a further recording reaches the target; NaN with fewer than two valid seeds.
     ``seeds``: Number of valid seeds.
@@ -249,7 +249,7 @@ def decide_target(values: Sequence[float], target: float) -> TargetDecision:
     each = np.asarray([one for one in values if math.isfinite(one)], dtype=np.float64)
     count = len(each)
     if count < 2 or not (each > 0).all():
-        return TargetDecision("not yet known", math.nan, math.nan, math.nan, count)
+        return TargetDecision("undecided", math.nan, math.nan, math.nan, count)
     logs = np.log(each)
     middle, variance = float(logs.mean()), float(logs.var(ddof=1))
     half = float(stdtrit(count - 1, _LEVEL)) * math.sqrt(variance / count + 2 * variance**2 / (count - 1))
@@ -257,7 +257,7 @@ def decide_target(values: Sequence[float], target: float) -> TargetDecision:
     away = math.log(target) - middle
     scatter = math.sqrt(variance * (1 + 1 / count))
     chance = float(stdtr(count - 1, away / scatter)) if scatter > 0 else float(away >= 0)
-    answer: Answer = "yes" if high <= target else "no" if low > target else "not yet known"
+    answer: Answer = "yes" if high <= target else "no" if low > target else "undecided"
     return TargetDecision(answer, low, high, chance, count)
 
 
@@ -272,14 +272,14 @@ def describe_decision(found: TargetDecision, unit: str) -> str:
     """Return a decision in words: the answer, the interval, and the chance of a further recording."""
     recordings = "one recording" if found.seeds == 1 else f"{found.seeds} recordings"
     if not math.isfinite(found.ci_low):
-        return f"Not yet known: {recordings} cannot decide it"
+        return f"Undecided: {recordings} cannot decide it"
     further = f"a further recording reaches the target with a probability of {100 * found.chance:.0f} %"
     if found.answer == "yes":
         return f"Yes: at most {found.ci_high:.3g} {unit} with 95 % confidence; {further}"
     if found.answer == "no":
         return f"No: at least {found.ci_low:.3g} {unit} with 95 % confidence; {further}"
     between = f"{found.ci_low:.3g} to {found.ci_high:.3g} {unit} with 95 % confidence, from {recordings}"
-    return f"Not yet known: {between}; more seeds decide it. Now {further}"
+    return f"Undecided: {between}; more seeds decide it. Now {further}"
 
 
 def compute_rig_interval(rig: RigDesign, title: str, statistic: str) -> PredictionInterval:

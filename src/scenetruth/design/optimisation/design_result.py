@@ -172,7 +172,7 @@ def _reached(objectives: Sequence[Objective], rig: RigDesign) -> Iterator[str]:
             line += f"; target {one.wanted:g}: {describe_decision(decision, one.unit)}"
         elif one.wanted is not None:
             prediction = "meets" if rig.predicted[one.title] <= one.wanted else "does not meet"
-            line += f"; target {one.wanted:g}: Not yet known: the prediction {prediction} it, without a simulation"
+            line += f"; target {one.wanted:g}: Undecided: the prediction {prediction} it, without a simulation"
         yield line
 
 

@@ -304,7 +304,7 @@ class _Run:
         seeds, most = confirm.seeds, confirm.most_seeds or _MORE_SEEDS * confirm.seeds
         while seeds < most and (undecided := self._undecided(rig)):
             seeds = min(2 * seeds, most)
-            self.say(f"{', '.join(undecided)}: it is not yet known whether the target is reached; {seeds} seeds")
+            self.say(f"{', '.join(undecided)}: undecided whether the target is reached; {seeds} seeds")
             more = simulate_candidates(
                 [rig],
                 self.prepared,
@@ -323,7 +323,7 @@ class _Run:
     def _undecided(self, rig: RigDesign) -> list[str]:
         """Return the titles of the objectives whose recordings do not decide about the target."""
         decisions = {one.title: decide_rig_target(rig, one) for one in self.prepared.task.objectives}
-        return [title for title, one in decisions.items() if one is not None and one.answer == "not yet known"]
+        return [title for title, one in decisions.items() if one is not None and one.answer == "undecided"]
 
     def _sensitivities(self, one: Evaluation) -> tuple[Sensitivity, ...]:
         space, task = self.prepared.space, self.prepared.task

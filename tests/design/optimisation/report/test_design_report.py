@@ -149,7 +149,7 @@ def test_the_answer_is_judged_by_simulations(sample: DesignResult) -> None:
     assert depth.source == (
         "scaled median absolute error in 6 simulated recordings (95 %: 0.0475 to 0.0600; predicted 0.0500; RMSE 0.0637)"
     )
-    assert growth.verdict.startswith("Target: 0.3 %/h. Not yet known: ")
+    assert growth.verdict.startswith("Target: 0.3 %/h. Undecided: ")
 
     def verdict(*values: float, rmse: float = 0.1) -> str:
         figures = {GROWTH: {"scaled_median_abs_error": values, "rmse": (rmse,)}}
@@ -159,17 +159,17 @@ def test_the_answer_is_judged_by_simulations(sample: DesignResult) -> None:
 
     assert verdict(0.19, 0.2, 0.21).startswith("Target: 0.3 %/h. Yes: at most 0.2")
     assert verdict(0.39, 0.4, 0.41).startswith("Target: 0.3 %/h. No: at least 0.3")
-    assert verdict(0.1, 0.2, 0.4).startswith("Target: 0.3 %/h. Not yet known: ")
-    assert verdict(0.2) == "Target: 0.3 %/h. Not yet known: one recording cannot decide it."
+    assert verdict(0.1, 0.2, 0.4).startswith("Target: 0.3 %/h. Undecided: ")
+    assert verdict(0.2) == "Target: 0.3 %/h. Undecided: one recording cannot decide it."
     assert verdict(0.19, 0.2, 0.21, rmse=0.4).endswith("The RMSE, which includes outliers, is above the target.")
     unconfirmed = summarise_objectives(replace(sample, recommended=sample.front[1]))[1].verdict
-    assert "Not yet known: the prediction" in unconfirmed
+    assert "Undecided: the prediction" in unconfirmed
 
 
 def test_what_must_be_known_comes_first(sample: DesignResult, tmp_path: Path) -> None:
     told = [words for words, _ in list_warnings(sample)]
     assert told == [
-        f"The recommended rig is not yet known to meet the target. {GROWTH}: 0.309 %/h, target 0.3 %/h.",
+        f"The recommended rig is not yet shown to meet the target. {GROWTH}: 0.309 %/h, target 0.3 %/h.",
         "Prediction and simulation differ notably in 3 of 6 values, 1 of them for the recommended rig.",
     ]
     last = replace(sample, recommended=sample.front[4])

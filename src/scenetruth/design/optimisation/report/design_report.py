@@ -128,7 +128,7 @@ def _verdict(design: DesignResult, objective: Objective) -> str:
     decision = decide_rig_target(design.recommended, objective)
     if decision is None:
         met = "meets" if design.recommended.predicted[title] <= wanted else "does not meet"
-        return f"{aim}. Not yet known: the prediction {met} it, and the rig was not simulated."
+        return f"{aim}. Undecided: the prediction {met} it, and the rig was not simulated."
     rms = compute_rig_interval(design.recommended, title, "rmse")
     outliers = objective.statistic != "rmse" and decision.answer == "yes" and rms.value > wanted
     words = describe_decision(decision, objective.unit)
@@ -150,9 +150,9 @@ def list_warnings(design: DesignResult) -> list[tuple[str, str]]:
             figure = design.recommended.simulated[objective.title].value
         decision = decide_rig_target(design.recommended, objective)
         missed = decision.answer == "no" if decision is not None else not figure <= (objective.wanted or math.inf)
-        if objective.wanted is not None and (missed or (decision is not None and decision.answer == "not yet known")):
+        if objective.wanted is not None and (missed or (decision is not None and decision.answer == "undecided")):
             aim = f"{format_number(figure)} {objective.unit}, target {format_length(objective.wanted)} {objective.unit}"
-            says = "does not meet the target" if missed else "is not yet known to meet the target"
+            says = "does not meet the target" if missed else "is not yet shown to meet the target"
             values.append((f"The recommended rig {says}. {objective.title}: {aim}.", "alternatives"))
         values += _far_off(design, objective, figure)
         if design.recommended.density(objective.title) < SUFFICIENT_DENSITY:
