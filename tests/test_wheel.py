@@ -21,9 +21,13 @@ def build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     setuptools = pytest.importorskip("setuptools")
     # Where there is no pyproject.toml, nothing else takes part in the build.
     monkeypatch.chdir(tmp_path)
-    made = runpy.run_path(str(ROOT / "setup.py"))["BuildWithScenes"](setuptools.Distribution({"packages": []}))
+    made = runpy.run_path(str(ROOT / "setup.py"))["BuildWithCopies"](setuptools.Distribution({"packages": []}))
     monkeypatch.chdir(ROOT)
     made.build_lib, made.editable_mode = str(tmp_path), False
+    # The build has plotly, an installation has not.
+    script = tmp_path / "script.js"
+    script.write_text("plotly")
+    monkeypatch.setattr(made, "_script", lambda: script)
     made.finalize_options()
     return made
 
@@ -39,6 +43,7 @@ def test_scenes_are_copied_with_their_files(build: Any, tmp_path: Path) -> None:
     assert all(path.is_file() and path.is_relative_to(shipped) for path in files)
     assert {"cubes.yaml", "leaves.yaml"} <= {path.name for path in (shipped / "datasets").iterdir()}
     assert (shipped / "designs" / "cube_depth.yaml").is_file()
+    assert (tmp_path / "scenetruth" / "templates" / "plotly.min.js").read_text() == "plotly"
     assert not list(shipped.rglob("__pycache__"))
     # Pages define their terms by the glossary.
     glossary = ROOT / "docs" / "reference" / "glossary.md"
@@ -49,7 +54,12 @@ def test_scenes_are_copied_with_their_files(build: Any, tmp_path: Path) -> None:
     assert {path.relative_to(ROOT).as_posix() for path in LIBRARY} <= set(build.get_source_files())
 
 
-def test_editable_installations_read_them_where_they_are(build: Any, tmp_path: Path) -> None:
+def test_editable_installations_read_them_where_they_are(
+    build: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     build.editable_mode = True
+    monkeypatch.chdir(tmp_path)
     build.run()
     assert not (tmp_path / "scenetruth").exists()
+    # Templates of pages expect the script of plotly with them.
+    assert (tmp_path / "src" / "scenetruth" / "templates" / "plotly.min.js").read_text() == "plotly"

@@ -16,6 +16,7 @@ from scenetruth.errors import CaptureError, EstimateError, OutputExistsError
 from tests.helpers.board_captures import changed_capture, constant_depth
 from tests.helpers.gradient_method import Gradients
 from tests.helpers.nightly import by_night
+from tests.helpers.page_words import without_definitions
 from tests.helpers.undrawn_figures import leave_undrawn
 
 PRODUCTS = {
@@ -60,7 +61,7 @@ def test_run_writes_calibration_recording_estimate_and_reports(run: CaptureRun) 
     # The images are rectified, so that the pixel is nearly that of the recorded image.
     assert common == pytest.approx(z.std[0], rel=0.02)
     np.testing.assert_allclose(estimate["depth_std"] ** 2, estimate["depth_std_common"] ** 2 + 0.05**2, rtol=1e-4)
-    page = run.page.read_text(encoding="utf-8")
+    page = without_definitions(run.page.read_text(encoding="utf-8"))
     for text in ("Depth of all pixels at", "Suggestions", "focal length", "Halve", "gain K", 'href="report.html"'):
         assert text in page
 

@@ -52,7 +52,12 @@ def scene_of(example: dict[str, Any]) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("example", blocks())
-def test_examples_are_valid(example: dict[str, Any]) -> None:
+def test_examples_are_valid(example: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # The file that an example names: even light in all directions downwards.
+    (tmp_path / "luminaire.ies").write_text(
+        "IESNA:LM-63-2002\nTILT=NONE\n1 1000 1 2 1 1 2 0 0 0\n1 1 10\n0 90\n0\n100 100\n"
+    )
+    monkeypatch.chdir(tmp_path)
     if "base" in example:
         sampler = st.Recipe.from_dict(example).sampler()
         refuse_recipe(sampler, tried=1)

@@ -137,9 +137,9 @@ def test_light_of_corners_and_centres_agrees_with_light_at_every_sample(
     monkeypatch.undo()
     expected = exact_image(scene, monkeypatch)
     assert np.abs(found - expected).max() < 2e-4
-    # Most samples away from shadows and outlines are not computed one by one.
+    # Samples away from shadows and outlines are not computed one by one; most others lie in pixels with several facets.
     some, left = np.sum(shares, axis=0)
-    assert left < 0.5 * some
+    assert left < 0.8 * some
     assert expected.max() > 0.3
 
 

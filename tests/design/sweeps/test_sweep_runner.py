@@ -142,10 +142,10 @@ def test_it_goes_on_where_it_was(tmp_path: Path, messages: list[str]) -> None:
     # More values, and only these are made.
     more = sweep(scene(), {BASELINE: [2, 2.5, 3]}, methods=nearest, output=tmp_path / "calm", **options)
     assert "6 simulations, 2 of them to run" in told[-1]
-    kept = pd.read_csv(tmp_path / "calm" / "results.csv", float_precision="round_trip")
+    kept = pd.read_csv(tmp_path / "calm" / "results.csv")
     made = more.to_dataframe()
-    # Empty texts and missing values are the same in CSV.
-    pd.testing.assert_frame_equal(kept, made.mask(made == ""), check_dtype=False, check_exact=True)
+    # Empty texts and missing values are the same in CSV; numbers are read within some units in the last place.
+    pd.testing.assert_frame_equal(kept, made.mask(made == ""), check_dtype=False, rtol=1e-14)
     assert (tmp_path / "calm" / "plots" / "depth_rmse.png").exists()
 
 
@@ -297,9 +297,7 @@ def test_a_killed_sweep_goes_on_to_the_same_figures(tmp_path: Path) -> None:
         run.wait()
     for name in ("killed", "calm"):
         subprocess.run([*words, str(tmp_path / name)], check=True, capture_output=True)
-    killed, calm = (
-        pd.read_csv(tmp_path / name / "results.csv", float_precision="round_trip") for name in ("killed", "calm")
-    )
+    killed, calm = (pd.read_csv(tmp_path / name / "results.csv") for name in ("killed", "calm"))
     pd.testing.assert_frame_equal(killed, calm)
     points = tmp_path / "killed" / "points"
     assert [path.name for path in points.iterdir() if path.suffix not in (".json", ".npz")] == []
