@@ -31,6 +31,7 @@ from scenetruth.benchmark.spatial_resolution import compute_amplitude_ratio, com
 from scenetruth.scene import Scene
 from scenetruth.scoring.regions import visible_throughout
 from scenetruth.simulation import simulate
+from tests.helpers.nightly import nightly
 
 
 def made(kind: str, value: float) -> tuple[xr.Dataset, xr.Dataset]:
@@ -82,6 +83,7 @@ def test_known_noise_bias_and_error_bars_come_back(still: tuple[xr.Dataset, xr.D
     assert one(rows, "known", "velocity_x", "rmse").value < 1e-6
 
 
+@nightly
 def test_the_window_of_a_blurred_truth_comes_back() -> None:
     case, sigma_px = all_cases()["waves_of_motion"], 6.0
     expected = 2 * np.pi * sigma_px / np.sqrt(-2 * np.log(0.9))

@@ -128,6 +128,7 @@ def f(recording):
 """
 
 
+@nightly
 def test_a_method_that_is_mended_is_measured_again(tmp_path: Path) -> None:
     beside = tmp_path / "beside.py"
     (tmp_path / "mine.py").write_text(MINE)
@@ -215,6 +216,7 @@ def test_methods_are_spelled_with_settings_and_labels() -> None:
     assert MethodSpec("refined", {"motion": "rigid"}, "mine").spelled == "mine=refined[motion: rigid]"
 
 
+@nightly
 def test_the_command(tmp_path: Path) -> None:
     done = scenetruth(
         "compare", "structure_tensor", "-o", tmp_path / "c", "--case", "noise", "--level", "0.005", "--workers", "1"
@@ -248,6 +250,7 @@ def in_metres(recording: xr.Dataset) -> dict[str, Any]:
     return {"depth": nearest(recording)["depth"] / 1000}
 
 
+@nightly
 def test_likely_slips_are_told(tmp_path: Path) -> None:
     slipping, right = f"{__name__}:in_metres", f"{__name__}:nearest"
     words = ["--case", "phase_of_flow", "--level", "0", "--level", "0.25", "--workers", "1", "-o", str(tmp_path / "c")]
@@ -260,6 +263,7 @@ def test_likely_slips_are_told(tmp_path: Path) -> None:
     assert "<h3>Possible convention errors</h3>" in without_definitions(page)
 
 
+@nightly
 def test_results_made_elsewhere_are_compared_as_if_made_here(tmp_path: Path) -> None:
     (place,) = write_recordings(tmp_path / "recordings", **QUICK, images="npy")
     assert write_recordings(tmp_path / "recordings", **QUICK, images="npy") == [place]

@@ -13,6 +13,7 @@ from scipy.stats import chi2
 
 import scenetruth as st
 from scenetruth.bound import MapNeighbourhood, PointNeighbourhood, cramer_rao_bound, select_affine
+from tests.helpers.nightly import nightly
 from tests.helpers.prediction_scenes import wall
 
 SIGMA_PX = 4.0
@@ -39,6 +40,7 @@ def std(axis: tuple[float, float, float], share: float | None, noise_std: float,
 ALONG, ASIDE = (0.0, 1.0, 0.0), (1.0, 1.0, 0.0)
 
 
+@nightly
 @pytest.mark.parametrize(("axis", "share", "expected"), [(ALONG, 1.0, 0.002), (ALONG, 0.8, 0.0012), (ASIDE, 1.0, 0.0)])
 def test_the_bias_is_that_of_a_fit_without_noise(
     axis: tuple[float, float, float], share: float, expected: float

@@ -92,6 +92,7 @@ def points_of(estimate: xr.Dataset, rows: NDArray[Any], columns: NDArray[Any]) -
     return rays / rays[:, 2:] * depth[:, None], estimate["velocity"].values[:, 0, rows, columns].T
 
 
+@nightly
 @given(seed=st_.integers(0, 10**6))
 @settings(deadline=None, max_examples=5)
 def test_depth_and_velocity_against_single_points(seed: int) -> None:

@@ -50,6 +50,7 @@ DOTS = {"kind": "dots", "dots": [6, 5], "spacing_mm": 8, "diameter_mm": 4}
 SQUARES = {"kind": "checkerboard", "squares": [7, 6], "square_mm": 7.0}
 
 
+@nightly
 @pytest.mark.parametrize("board", [DOTS, *by_night(SQUARES)], ids=lambda board: str(board["kind"]))
 def test_other_boards_agree_with_the_truth(board: dict[str, Any], tmp_path: Path) -> None:
     folder = make_board_capture(tmp_path / "c", board=board, poses=4, flat=6, dark=6, static=0)

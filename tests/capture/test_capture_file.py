@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from scenetruth.capture import CAPTURE_FILE, Capture, load_capture
 from scenetruth.errors import CaptureError
+from tests.helpers.nightly import nightly
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "reference" / "examples" / "capture.yaml"
 PLAIN: dict[str, Any] = {
@@ -142,6 +143,7 @@ WHOLE = yaml.safe_load(EXAMPLE.read_text(encoding="utf-8"))
 ELSEWHERE = ("", "files", "board", "stage.errors")
 
 
+@nightly
 @settings(max_examples=300, deadline=None)
 @given(st.sampled_from(paths_in(WHOLE)[1:]), VALUES)
 def test_any_value_anywhere_is_accepted_or_a_problem_with_a_path(path: tuple[Any, ...], value: Any) -> None:

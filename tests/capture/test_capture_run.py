@@ -15,7 +15,7 @@ from scenetruth.capture import CaptureRun, load_capture, run_capture
 from scenetruth.errors import CaptureError, EstimateError, OutputExistsError
 from tests.helpers.board_captures import changed_capture, constant_depth
 from tests.helpers.gradient_method import Gradients
-from tests.helpers.nightly import by_night
+from tests.helpers.nightly import by_night, nightly
 from tests.helpers.page_words import without_definitions
 from tests.helpers.undrawn_figures import leave_undrawn
 
@@ -97,6 +97,7 @@ def test_interrupted_run_resumes(what: str, done: tuple[str, ...], board_capture
     assert "Suggestions" in again.page.read_text(encoding="utf-8")
 
 
+@nightly
 def test_results_of_other_inputs_are_rejected_or_replaced(board_capture: Path, tmp_path: Path) -> None:
     folder = copied(board_capture, tmp_path / "lab")
     first = run_capture(folder, tmp_path / "out", method=METHOD)
@@ -133,6 +134,7 @@ def test_foreign_files_are_kept(board_capture: Path, tmp_path: Path) -> None:
         run_capture(board_capture, tmp_path / "file")
 
 
+@nightly
 def test_mistakes_that_the_check_finds_end_the_run(board_capture: Path, tmp_path: Path) -> None:
     folder = copied(board_capture, tmp_path / "lab")
     for file in (folder / "images").glob("*.tif"):
@@ -172,6 +174,7 @@ def without_board(folder: Path, target: Path, **camera: Any) -> Path:
     return changed_capture(folder, target, files={"board": None}, board=removed, camera=camera)
 
 
+@nightly
 def test_capture_without_a_board_states_its_limits(board_capture: Path, tmp_path: Path) -> None:
     folder = without_board(board_capture, tmp_path / "lab")
     done = run_capture(folder, tmp_path / "out", method=METHOD)

@@ -198,6 +198,7 @@ def test_a_noise_seed_repeats_a_capture_with_other_noise(folder: Path, tmp_path:
     assert 0.95 < np.median(np.abs(difference)) * 1.4826 < 1.3
 
 
+@nightly
 def test_images_and_truth_are_those_of_the_true_scene(tmp_path: Path) -> None:
     scene = cube(**SCENE)
     folder = simulate_capture(scene, tmp_path / "c", board=BOARD, poses=0, dark=0, flat=0, static=0, step_std=1e-3)
@@ -230,6 +231,7 @@ GRID: dict[str, Any] = {
 SMALL = {"width": 96, "height": 72, "focal_length_px": 760}
 
 
+@nightly
 @pytest.mark.parametrize(
     "changes",
     [
@@ -279,6 +281,7 @@ def test_other_folders_are_left_alone(folder: Path, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
+@nightly
 @pytest.mark.parametrize("kind", ["charuco", *by_night("checkerboard", "dots", "asymmetric_dots")])
 def test_boards_of_default_size_fit(kind: str, tmp_path: Path) -> None:
     if kind == "charuco":

@@ -181,6 +181,7 @@ def test_a_data_set_of_an_earlier_version_is_compared_and_told(made: Path, tmp_p
     assert "sample.json and the catalogue differ in seen_share" in found[0].problem
 
 
+@nightly
 def test_an_empty_data_set_is_told_to_be_empty(tmp_path: Path) -> None:
     """As after a run that was killed before its first sample."""
     folder = tmp_path / "new"

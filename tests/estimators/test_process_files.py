@@ -20,6 +20,7 @@ from scenetruth.benchmark import compare
 from scenetruth.estimators.external import CommandMethod
 from scenetruth.estimators.process_files import compute_hashes, have_changed, list_process_code
 from tests.helpers.external_scripts import command
+from tests.helpers.nightly import nightly
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
 
@@ -143,6 +144,7 @@ time.sleep(0.3)
 """
 
 
+@nightly
 @linux
 def test_results_are_measured_again_if_a_library_under_a_composed_name_has_changed(tmp_path: Path) -> None:
     library = tmp_path / "libmine.so"
@@ -181,6 +183,7 @@ def f(recording):
 """
 
 
+@nightly
 def test_by_products_of_a_method_do_not_count(tmp_path: Path) -> None:
     library = str(importlib.import_module("_ctypes").__file__)
     (tmp_path / "compiled.py").write_text(COMPILED.format(library=library))

@@ -167,6 +167,7 @@ def test_without_its_scheduler_a_run_ends_and_goes_on_with_another(tmp_path: Pat
     assert contents(folder) == contents(tmp_path / "here")
 
 
+@nightly
 @pytest.mark.filterwarnings("ignore")
 def test_where_no_scheduler_answers_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
@@ -175,6 +176,7 @@ def test_where_no_scheduler_answers_it_says_so(monkeypatch: pytest.MonkeyPatch) 
         DaskExecutor("tcp://127.0.0.1:9")
 
 
+@nightly
 @pytest.mark.parametrize("threads", [1, 2])
 def test_work_of_a_foreign_process_keeps_to_its_threads(threads: int) -> None:
     code = (

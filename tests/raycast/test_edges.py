@@ -9,10 +9,12 @@ from scenetruth.camera import Camera, Viewpoint
 from scenetruth.raycast import RayCaster, Topology, mixed_pixels
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.truth import GeometryPass, truth_maps
+from tests.helpers.nightly import nightly
 from tests.helpers.sampled_borders import sampled_borders
 from tests.helpers.scenes import cube
 
 
+@nightly
 @pytest.mark.parametrize("x_mm", [0.0, -10.0])
 @pytest.mark.parametrize("distortion", [None, {"k1": -9.0, "p1": 0.05, "p2": -0.02}])
 def test_against_dense_sampling_of_the_cube(x_mm: float, distortion: dict[str, float] | None) -> None:

@@ -22,7 +22,7 @@ from scenetruth.scene.built_scene import build_scene
 from scenetruth.validation_studies.rendering_accuracy import noise_plane, reference_image
 from tests.helpers.blurred_edges import edge_displacement, edge_normal
 from tests.helpers.faceted_surfaces import ball, relief, scene_of, world_of
-from tests.helpers.nightly import by_night
+from tests.helpers.nightly import by_night, nightly
 from tests.helpers.pixel_areas import area_beyond
 
 ON_AXIS = Viewpoint.on_axis(0.0)
@@ -109,6 +109,7 @@ def test_edges_are_in_their_place(kind: str, angle_deg: float) -> None:
         assert abs(edge_displacement(image, normal, distance, 0.6, radius_px=6.0)) < 1e-3
 
 
+@nightly
 @pytest.mark.parametrize("distortion", [None, {"k1": -0.2}])
 def test_edges_with_distortion_and_intersections_agree_with_brute_force(distortion: dict[str, float] | None) -> None:
     camera = {"distortion": distortion} if distortion else None

@@ -14,7 +14,7 @@ import pytest
 from scenetruth.errors import BackendUnavailableError
 from scenetruth.render import choose_renderer, opengl
 from scenetruth.scene.built_scene import build_scene
-from tests.helpers.nightly import by_night
+from tests.helpers.nightly import by_night, nightly
 from tests.helpers.scenes import SCENES, cube
 
 
@@ -83,6 +83,7 @@ def test_raycast_never_loads_opengl() -> None:
     assert done.stdout.split() == ["raycast", "False", "False"]
 
 
+@nightly
 @pytest.mark.parametrize("platform", ["osmesa", *by_night(*sorted({*opengl.PLATFORMS} - {"osmesa"}))])
 def test_each_platform_renders_the_cube_where_it_runs(platform: str) -> None:
     scene = cube(

@@ -17,6 +17,7 @@ from scenetruth.render.pyrender_backend import PyrenderRenderer, _tile_size
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
+from tests.helpers.nightly import nightly
 from tests.helpers.scenes import cube
 
 
@@ -119,6 +120,7 @@ def test_tiles_cover_the_image_within_the_limits(width: int, height: int, n: int
     assert 1 <= down <= height
 
 
+@nightly
 def test_sixteen_by_sixteen_samples_of_a_full_image() -> None:
     texture = {"kind": "plaid", "wavelength_mm": [80, 60]}
     scene = facing_plane(texture, camera={"width": 640, "height": 480, "focal_length_px": 1000})

@@ -14,6 +14,7 @@ from scenetruth.errors import BackendUnavailableError, SceneError
 from scenetruth.render import choose_renderer
 from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
+from tests.helpers.nightly import nightly
 
 FOCAL, DEPTH = 500.0, 500.0
 
@@ -107,6 +108,7 @@ def test_light_is_neither_lost_nor_made() -> None:
         np.testing.assert_allclose(image_of(scene), 1.0, rtol=1e-6)
 
 
+@nightly
 def test_an_edge_out_of_focus_is_blurred_by_a_disc() -> None:
     lens = {"aperture_mm": 8.0, "focus_distance_mm": 500.0, "samples": 400}
     scene = edge(24.0, depth=800.0, optics={"defocus": lens})

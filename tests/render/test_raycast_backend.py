@@ -19,7 +19,7 @@ from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import BuiltScene, build_scene
 from tests.helpers.blurred_edges import edge_displacement, edge_normal
 from tests.helpers.faceted_surfaces import ball, relief, scene_of, world_of
-from tests.helpers.nightly import by_night
+from tests.helpers.nightly import by_night, nightly
 
 CAMERA = {"width": 80, "height": 60, "focal_length_px": 600}
 LIGHTS: dict[str, dict[str, Any]] = {
@@ -90,6 +90,7 @@ def poked_through(world: BuiltScene, scene: Scene) -> NDArray[np.bool_]:
     return np.asarray(new.any(axis=-1))
 
 
+@nightly
 @pytest.mark.parametrize("light", ["lit", *by_night(*sorted({*LIGHTS} - {"lit"}))])
 @settings(max_examples=8, deadline=None)
 @given(seed=some.integers(0, 10_000), fine=some.booleans(), tilt_deg=some.floats(-70, 70))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scenetruth.render.reflectance_kernels import albedo_tables, fresnel, reflect_ambient, reflect_light
 from scenetruth.render.reflection import pack_materials
 from scenetruth.scene.material import Material
+from tests.helpers.nightly import nightly
 
 Floats = NDArray[np.float64]
 
@@ -106,6 +107,7 @@ def test_directional_albedo_is_the_integral_over_the_hemisphere(index: float, al
         assert np.pi * weights @ reflectance == pytest.approx(table[node, 0], rel=1e-3)
 
 
+@nightly
 @given(materials, cosines, azimuths)
 def test_white_surfaces_reflect_what_they_receive(material: Material, cosine: float, azimuth: float) -> None:
     light, weights = hemisphere()

@@ -26,7 +26,7 @@ from scenetruth.scene.built_scene import BuiltScene, build_scene
 from scenetruth.scene.mesh import TriangleMesh, make_box, make_plane
 from scenetruth.scene.texture import PlaidTexture
 from tests.helpers.faceted_surfaces import relief, scene_of, world_of
-from tests.helpers.nightly import by_night
+from tests.helpers.nightly import by_night, nightly
 from tests.helpers.scenes import cube
 
 Opener = Callable[[BuiltScene, Scene], Renderer]
@@ -208,6 +208,7 @@ def resident_bytes() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
+@nightly
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs /proc")
 @backends
 def test_memory_is_flat_over_500_renders(opener: Opener) -> None:

@@ -12,6 +12,7 @@ import scenetruth as st
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.scene_report import check_scene, describe_scene
 from tests.helpers.mesh_files import gltf
+from tests.helpers.nightly import nightly
 from tests.helpers.scenes import LIBRARY, SCENES, cube
 
 
@@ -90,6 +91,7 @@ def test_extensions_of_mesh_files_that_are_not_read_are_warned_of(tmp_path: Path
         st.simulate(st.Scene.from_dict(plain))
 
 
+@nightly
 def test_surfaces_that_send_out_more_light_than_they_receive_are_refused() -> None:
     lit = ["lighting.ambient=1", "plants.0.material.transmittance=1.5", "plants.0.leaves=3"]
     with pytest.raises(st.SceneError, match=r"plants\.0\.material\.transmittance: the texture reaches") as caught:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scenetruth.scene import load_scene
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.mesh import load_mesh_file
+from tests.helpers.nightly import nightly
 from tests.helpers.scenes import SCENES
 
 Array = NDArray[np.float64]
@@ -93,6 +94,7 @@ def test_constant_curvature_is_in_balance_and_has_its_energy(fe: Any) -> None:
     assert field @ forces == pytest.approx(rigidity * density * area, rel=1e-12)
 
 
+@nightly
 def test_strain_at_a_small_hole_is_three_times_that_far_away(fe: Any) -> None:
     found = []
     for spacing, rings in ((12, 12), (6, 24), (3, 48)):
@@ -121,6 +123,7 @@ def test_a_narrow_plate_bends_like_a_beam(fe: Any) -> None:
     assert bent[np.isclose(nodes[:, 0], 60)].mean() == pytest.approx(expected, rel=0.02)
 
 
+@nightly
 def test_the_scene_moves_as_the_array_says() -> None:
     scene = load_scene(SCENES / "finite_elements.yaml")
     body = build_scene(scene).bodies[0]

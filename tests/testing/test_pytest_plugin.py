@@ -9,6 +9,7 @@ import pytest
 
 from scenetruth.testing.recording_cache import RecordingCache
 from tests.helpers.cached_scene import SMALL
+from tests.helpers.nightly import nightly
 from tests.helpers.synthetic_case import make_case
 
 pytest_plugins = ["pytester"]
@@ -128,6 +129,7 @@ def kept(pytester: pytest.Pytester) -> set[tuple[str, int]]:
     return {(entry.name, entry.stat().st_ino) for entry in folder.iterdir()} if folder.is_dir() else set()
 
 
+@nightly
 def test_recordings_stay_until_they_are_cleared(pytester: pytest.Pytester) -> None:
     pytester.makepyfile(RECORDINGS)
     pytester.runpytest(*PLUGIN).assert_outcomes(passed=2)

@@ -150,6 +150,7 @@ def test_depth_disparity_flow_and_reprojection_agree(file: str, changes: list[st
     assert worst["flow"] <= 1e-9
 
 
+@nightly
 @pytest.mark.parametrize("file", LIBRARY, ids=lambda file: file.stem)
 def test_every_scene_of_the_library_agrees_with_itself(file: Path) -> None:
     # All cameras and frames of the library are tried at night.

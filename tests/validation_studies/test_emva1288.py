@@ -17,7 +17,7 @@ from scenetruth.camera import PRESETS, EmvaSensor, PhotonTransfer
 from scenetruth.cli.app import app
 from scenetruth.validation_studies import emva1288 as emva
 from scenetruth.validation_studies.emva1288 import compare_with_settings, measure_sensor, run_emva
-from tests.helpers.nightly import by_night
+from tests.helpers.nightly import by_night, nightly
 from tests.helpers.sensors import NOISY_SENSOR
 
 # What a measurement must recover. Scatter, as one standard error with 300 x 400 pixels: gain 0.1 %, spatial standard
@@ -61,6 +61,7 @@ def test_measured_as_told(name: str) -> None:
     assert found.dark_e == pytest.approx(dark_e, rel=0.01, abs=5 * noise)
 
 
+@nightly
 def test_the_page_has_these_measurements() -> None:
     rows = [line.strip("| \n").split(" | ") for line in DOCS.read_text(encoding="utf-8").splitlines()]
     table = {row[0].strip("`"): row[1:] for row in rows if row[0].strip("`") in BOUNDS and len(row) == 5}

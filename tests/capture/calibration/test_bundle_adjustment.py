@@ -20,7 +20,7 @@ from scenetruth.capture.calibration import (
     with_other_tilts,
 )
 from tests.helpers.drawn_rigs import DrawnRig, assess_draw, draw_rig, fit_draw, summarise
-from tests.helpers.nightly import NIGHTLY
+from tests.helpers.nightly import NIGHTLY, nightly
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +33,7 @@ def fit(rig: DrawnRig) -> RigFit:
     return fit_draw(rig)
 
 
+@nightly
 def test_stated_uncertainty_covers_the_errors_of_draws() -> None:
     """z of draws of 8 poses: the limits of chi-squared are passed once in 2000 for each of 15 quantities."""
     draws = 48 if NIGHTLY else 12

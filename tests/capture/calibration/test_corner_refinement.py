@@ -18,6 +18,7 @@ from scenetruth.capture.calibration import (
     refine_points,
     rotation_matrix,
 )
+from tests.helpers.nightly import nightly
 from tests.helpers.rendered_boards import noisy, render_board, rendered_noise_variance
 
 pytest.importorskip("cv2")
@@ -60,6 +61,7 @@ def test_corners_without_noise(turn: Array) -> None:
     assert abs(points.blur_px - 0.6) < 0.03
 
 
+@nightly
 def test_stated_covariance_of_corners_is_that_of_their_errors() -> None:
     """240 errors: the standard deviation of z is certain to 5 %, and the limits are four times that."""
     z = []
@@ -104,6 +106,7 @@ def test_corners_of_other_blurs(blur_px: float) -> None:
     assert abs(points.blur_px - blur_px) < 0.06
 
 
+@nightly
 def test_dots_and_their_perspective_bias() -> None:
     errors, points = refined(DOTS, TURNS[0], None)
     assert np.sqrt((errors**2).mean()) < 0.002

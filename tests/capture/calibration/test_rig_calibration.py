@@ -33,7 +33,7 @@ from scenetruth.capture.calibration import (
     triangulate,
 )
 from tests.helpers.drawn_rigs import DrawnRig, draw_rig
-from tests.helpers.nightly import NIGHTLY, by_night
+from tests.helpers.nightly import NIGHTLY, by_night, nightly
 from tests.helpers.rendered_boards import noisy, render_board, rendered_noise_variance
 
 Array = NDArray[np.float64]
@@ -63,6 +63,7 @@ def captured(board: CharucoBoard | DotGrid, seed: int) -> list[BoardImage]:
 EXACT_STAGE = RigPriors(errors=StageErrors(preset="air_bearing"), position_um=0.1)
 
 
+@nightly
 @pytest.mark.parametrize("board", [CHARUCO, *by_night(DOTS)], ids=lambda board: board.kind)
 def test_full_chain_from_images(board: CharucoBoard | DotGrid) -> None:
     """Errors of the camera and of the depth within 4 standard deviations of a stated uncertainty that is small."""
@@ -127,6 +128,7 @@ def with_strip(rig: DrawnRig, seed: int) -> tuple[list[TargetView], list[int], n
     return [replace(view, pixels=part) for view, part in zip(views, parts, strict=True)], visits, motions
 
 
+@nightly
 def test_strip_replaces_the_tolerances_of_the_visits() -> None:
     """Drawn rigs with 20 µrad new at each visit: errors are stated right, and five times smaller than without."""
     z = []
@@ -163,6 +165,7 @@ def test_yaw_of_single_visits_is_not_taken_for_a_wrong_step(seed: int) -> None:
     assert abs(found.value("f") - 5016) < 4 * found.std("f") < 5
 
 
+@nightly
 def test_contradicting_images_are_rejected_with_their_reason() -> None:
     rig = draw_rig(90, poses=5, positions=3)
     backwards = replace(rig.observations, positions_mm=-rig.observations.positions_mm)

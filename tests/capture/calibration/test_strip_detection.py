@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from scenetruth.capture.calibration import BoardImage, CalibrationError, observe_strip
 from scenetruth.errors import EstimateWarning
+from tests.helpers.nightly import nightly
 
 pytest.importorskip("cv2")
 
@@ -62,6 +63,7 @@ def test_all_dots_with_their_errors() -> None:
     assert 0.5 < np.sqrt((np.concatenate(z) ** 2).mean()) < 1.25
 
 
+@nightly
 def test_dots_that_are_hidden_are_omitted() -> None:
     views = observe_strip(recorded(hidden=3), POINTS, X_MM)
     for view in views:
@@ -95,6 +97,7 @@ def test_rows_of_few_dots(count: int) -> None:
         assert np.abs(view.pixels - places).max() < 0.03
 
 
+@nightly
 def test_spots_of_a_texture_are_no_strip() -> None:
     """Of ten dots, six spots that lie near expected places by chance would be enough."""
     points = np.array([[u, v, 0.0] for v in (-19.0, 19.0) for u in (-10, -5, 0, 5, 10)])

@@ -43,6 +43,7 @@ def held_board(seed: int, poses: int = 12) -> DrawnRig:
     return replace(rig, observations=replace(rig.observations, targets=(STATED,), views=tuple(views)))
 
 
+@nightly
 def test_components_are_those_of_the_draw() -> None:
     """Stated noise of 0.01 px for 0.04 px; the standard deviation of a component of n values is 0.7 / sqrt(n)."""
     rig = held_board(1, poses=16)

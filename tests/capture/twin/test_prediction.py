@@ -11,6 +11,7 @@ from scipy import ndimage
 import scenetruth as st
 from scenetruth.capture import Comparison, RegionError, TwinPrediction
 from scenetruth.capture.twin import mark_bends, predict_errors, sampling_std
+from tests.helpers.nightly import nightly
 
 
 def scene(mesh: dict[str, object], *rotations: dict[str, object]) -> dict[str, object]:
@@ -26,6 +27,7 @@ def scene(mesh: dict[str, object], *rotations: dict[str, object]) -> dict[str, o
     }
 
 
+@nightly
 def test_a_strong_bend_is_an_edge_and_a_weak_one_is_not() -> None:
     # At 600 mm a pixel is 0.75 mm: normals at a distance of 12 px differ by 9 / R.
     for radius, bent in ((8.0, True), (60.0, False)):

@@ -54,6 +54,7 @@ def test_the_twin_shows_what_the_capture_shows(predicted: TwinRun) -> None:
     assert found["pixels with a valid depth"].ratio == pytest.approx(1.0, abs=0.06)
 
 
+@nightly
 def test_the_output_is_complete_and_reused(measured: MeasuredCapture, predicted: TwinRun) -> None:
     place = predicted.folder
     for name in ("scene/scene.yaml", "capture/capture.yaml", "run/recording.zarr", "run/truth.zarr", "run/score.json",

@@ -139,6 +139,7 @@ def test_a_run_of_another_capture_is_rejected(measured: MeasuredCapture, tmp_pat
     assert [problem.path for problem in caught.value.problems] == ["stage.positions", "frames.count"]
 
 
+@nightly
 def test_an_existing_twin_is_replaced_on_demand_and_foreign_files_are_kept(
     measured: MeasuredCapture, twin: Path, tmp_path: Path
 ) -> None:

@@ -23,6 +23,7 @@ from scenetruth.design.optimisation import (
     write_design_page,
 )
 from scenetruth.errors import DesignSpecError, MachineError, OutputExistsError, StoreError
+from tests.helpers.nightly import nightly
 from tests.helpers.small_specification import spec
 
 SMALL = {"predictions": 120, "morris_trajectories": 1, "sobol": 0}
@@ -67,6 +68,7 @@ def test_what_was_simulated_is_told_beside_the_prediction(found: DesignResult) -
     assert any(re.search("images cropped from 64 x 48 to 6[0-4] x 3[0-9] px", line) for line in found.assumptions)
 
 
+@nightly
 def test_more_recordings_are_simulated_while_a_target_is_undecided(found: DesignResult) -> None:
     assert found.recommended.simulated["Depth"].seeds == 2
     at_the_target = found.recommended.simulated["Depth"].value
@@ -164,6 +166,7 @@ def test_ten_percent_more_baseline_is_ten_percent_less_noise(found: DesignResult
     assert less["stage.baseline_mm"] == pytest.approx(1 / 0.9 - 1, abs=0.03)
 
 
+@nightly
 def test_what_was_killed_goes_on_to_the_same_end(found: DesignResult, folder: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy"
     shutil.copytree(folder, copy)

@@ -15,6 +15,7 @@ from PIL import Image
 from scenetruth.capture import BoardKind
 from scenetruth.design.patterns import InkAreas, Pattern, PatternRig, export_board, generate_board
 from scenetruth.errors import ArgumentError
+from tests.helpers.nightly import nightly
 
 RIG = PatternRig.from_scene(focal_length_px=2500, distance_mm=600, image_size_px=(640, 480))
 KINDS: list[BoardKind] = ["charuco", "checkerboard", "dots", "asymmetric_dots"]
@@ -60,6 +61,7 @@ def test_boards_are_found_by_opencv(board: Pattern, tmp_path: Path) -> None:
     assert across == pytest.approx(step_mm, rel=2e-3)
 
 
+@nightly
 def test_pages_are_at_true_scale(board: Pattern, tmp_path: Path) -> None:
     export_board(board, tmp_path, page="A3")
     root = ElementTree.parse(tmp_path / "board.svg").getroot()

@@ -121,6 +121,7 @@ def test_the_table_is_tidy(found: Sweep) -> None:
         found.value("depth", at={BASELINE: 7})
 
 
+@nightly
 def test_it_goes_on_where_it_was(tmp_path: Path, messages: list[str]) -> None:
     told = messages
     options: dict[str, Any] = {"seeds": 2}
@@ -149,6 +150,7 @@ def test_it_goes_on_where_it_was(tmp_path: Path, messages: list[str]) -> None:
     assert (tmp_path / "calm" / "plots" / "depth_rmse.png").exists()
 
 
+@nightly
 def test_what_failed_or_has_changed_is_made_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, messages: list[str]
 ) -> None:
@@ -243,6 +245,7 @@ def stretching(recording: xr.Dataset) -> xr.Dataset:
     return found.assign_coords(principal=[1, 2]).assign(principal_growth_rates=growth)
 
 
+@nightly
 def test_what_only_a_complete_truth_tells_is_scored() -> None:
     wall = scene()["objects"][0] | {"motion": [], "deformation": [{"kind": "growth", "rate_per_hour": 18.0}]}
     wall["deformation"][0] |= {"along_share": 1.0}

@@ -148,6 +148,7 @@ def test_figures_are_kept_and_not_made_again(found: Budget, scene: st.Scene, fol
         budget(scene, output=folder, calibration="perfect")
 
 
+@nightly
 def test_little_is_simulated_where_little_matters(scene: st.Scene) -> None:
     few = budget(scene, calibration="perfect", seeds=1, simulated_share=0.0)
     assert not [one for one in few.parts if math.isfinite(one.simulated)]

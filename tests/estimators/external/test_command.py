@@ -22,6 +22,7 @@ from scenetruth.estimators import Needs, prepare
 from scenetruth.estimators.external import CommandMethod, read_results, write_recording
 from tests.helpers import external_program
 from tests.helpers.external_scripts import command, is_gone, wait_for
+from tests.helpers.nightly import nightly
 
 Make = Callable[..., xr.Dataset]
 
@@ -152,6 +153,7 @@ def test_images_come_in_the_form_that_was_asked_for(recording: xr.Dataset, tmp_p
     assert "s+0_t+0.png" not in kept
 
 
+@nightly
 @pytest.mark.parametrize("escape", [False, True])
 def test_time_that_is_up_ends_all_processes(escape: bool, recording: xr.Dataset, tmp_path: Path) -> None:
     code = FAMILY if not escape else FAMILY.replace("time.sleep(60)\n", "time.sleep(0.3); os._exit(0)\n")

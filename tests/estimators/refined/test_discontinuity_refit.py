@@ -11,6 +11,7 @@ import scenetruth as st
 from scenetruth.estimators.refined import continues_on_both_sides, fill_beyond_images
 from scenetruth.schema import make_recording
 from scenetruth.schema.variables import MOTION_AFFINE
+from tests.helpers.nightly import nightly
 from tests.helpers.shifted_stack import shifted_parameters, shifted_stack
 from tests.helpers.wavy_plane import MovingPlane
 
@@ -112,6 +113,7 @@ def test_error_bars_hold_beside_outlines(estimates: tuple[xr.Dataset, ...]) -> N
         assert np.mean(close[np.isfinite(close)] > 6) < 0.02
 
 
+@nightly
 def test_error_bars_of_velocity_hold_at_edges_of_changing_light() -> None:
     """Light grows on one half of a board and fades on the other: one gain for a window displaces the texture."""
     images = np.empty((5, 5, *SIZE))
@@ -174,6 +176,7 @@ def test_invalid_pixels_where_the_images_end_are_filled_and_holes_are_not() -> N
     np.testing.assert_array_equal(found[:, 36, :5], np.repeat(theta[:, 36, 10:11], 5, axis=1))
 
 
+@nightly
 def test_anisotropic_growth_at_the_edges_of_the_images() -> None:
     """Windows at the edges are one-sided: the plain model would displace their velocities, by 1.6 deviations here."""
     tangents = np.array([[1.0, 0.0, 0.3], [0.0, 1.0, -0.2]])

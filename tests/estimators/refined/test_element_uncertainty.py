@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth.estimators.refined import CalibrationUncertainty, compute_calibration_effect, compute_pose_effect
+from tests.helpers.nightly import nightly
 from tests.helpers.shifted_stack import DISPARITY, shifted_parameters, shifted_stack
 from tests.helpers.wavy_plane import MovingPlane
 
@@ -132,6 +133,7 @@ def test_errors_of_calibration_against_images_of_a_moving_element(
         np.testing.assert_allclose(found[:, row, column], change, rtol=0.02, atol=2e-3 * change.max())
 
 
+@nightly
 def test_stated_slopes_hold_where_poses_are_not_stated() -> None:
     """Unstated shifts and rolls tilt windows through their oblique gradients: mean of two draws."""
     within, stds = [], []

@@ -10,6 +10,7 @@ from scipy.ndimage import gaussian_filter
 import scenetruth as st
 from scenetruth.estimators.refined import RATES, Fit, GrowthComparison, blank_fit, compare_growth
 from scenetruth.schema.variables import MOTION_AFFINE, MOTION_PLAIN
+from tests.helpers.nightly import nightly
 from tests.helpers.wavy_plane import MovingPlane, turning
 
 Array = NDArray[np.float64]
@@ -110,6 +111,7 @@ def test_exact_images_leave_the_error_of_interpolation() -> None:
     assert found.significant.mean() < 0.01
 
 
+@nightly
 def test_turning_planes_that_grow_along_one_side() -> None:
     """Isotropic growth is biased on a slope, also where disparity and velocity hardly change."""
     tangents = np.array([[1.0, 0.0, 0.3], [0.0, 1.0, -0.2]])

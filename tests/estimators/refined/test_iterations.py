@@ -75,6 +75,7 @@ def test_threads_change_nothing() -> None:
     np.testing.assert_array_equal(both.fit.theta, alone.fit.theta)
 
 
+@nightly
 def test_a_curved_surface_is_told_from_a_plane() -> None:
     """A plane in a window of sigma w is off by bend w² / 2, here 0.02 px, where it is curved; else curvature costs."""
     inside = {"y": slice(14, -14), "x": slice(34, -34)}

@@ -44,6 +44,7 @@ def test_a_plane_is_found_to_the_precision_of_interpolation(motion: str) -> None
         assert np.abs(errors(found, plane, "growth_rate")).max() < 2e-4
 
 
+@nightly
 def test_an_acceleration_is_found_and_is_no_depth() -> None:
     """A motion that changes evenly is exact for the model; without, depth takes most of ½ a_Z <t²> = 0.13 mm."""
     plane = MovingPlane(gradient=GRADIENTS["growing"], acceleration_mm=(0.01, -0.015, 0.04))
@@ -85,6 +86,7 @@ def test_cubic_splines_do_as_well_in_noise() -> None:
     assert 2 * better < worse < 1e-3
 
 
+@nightly
 def test_growth_is_not_taken_for_motion() -> None:
     """The same velocity with and without growth: U_Z is the same, and growth is twice the rate of length."""
     still = MovingPlane(velocity_mm=(0.0, 0.0, -0.4))
@@ -96,6 +98,7 @@ def test_growth_is_not_taken_for_motion() -> None:
     assert np.median(found[1]["growth_rate"].isel(INSIDE)) == pytest.approx(2 * GROWTH, abs=2e-5)
 
 
+@nightly
 def test_light_that_changes_is_not_taken_for_motion() -> None:
     """Every image has a gain and an offset of its own; with one model for all, motion goes wrong or is invalid."""
     plane = MovingPlane()
@@ -152,6 +155,7 @@ def test_the_residual_is_in_the_values_of_the_images(full_scale: float) -> None:
     assert found["residual"].attrs["long_name"].endswith("in the values of image, up to full_scale")
 
 
+@nightly
 def test_noise_alone_shows_no_surface() -> None:
     plane = MovingPlane(size=(72, 140))
     recording = plane.recording(noise_std=0.01)
@@ -242,6 +246,7 @@ def test_few_cameras_and_frames_give_everything(cameras: int, frames: int) -> No
     assert np.abs(found["velocity"].values - TRUTH["velocity"])[(slice(2), *INNER_PIXELS)].max() < 3e-3
 
 
+@nightly
 def test_every_frame_or_those_with_whole_windows() -> None:
     recording = PLANE.recording(2, 4)
     whole = st.estimate(recording, "refined", window_sigma_px=4, window_frames=3, discontinuity_refit=False)
@@ -256,6 +261,7 @@ def test_every_frame_or_those_with_whole_windows() -> None:
     np.testing.assert_allclose(np.diff(middle), -0.421, atol=2e-3)
 
 
+@nightly
 def test_colours_are_taken_together() -> None:
     """Three channels of different texture have three times the information, the same channel thrice as much."""
     grey = st.estimate(
@@ -286,6 +292,7 @@ def test_a_part_of_the_image_has_the_cameras_pixels() -> None:
     np.testing.assert_allclose(both[0], both[1], atol=2e-3)
 
 
+@nightly
 def test_every_second_pixel_has_the_cameras_units() -> None:
     plane = MovingPlane(size=(144, 192), wavelengths_px=(12.0, 40.0), gradient=turning(2e-3, -1e-3, 3e-3))
     truth = plane.truth()
@@ -296,6 +303,7 @@ def test_every_second_pixel_has_the_cameras_units() -> None:
         assert np.abs(found[name].values - expected)[(..., *INNER_PIXELS)].max() < 0.01
 
 
+@nightly
 @pytest.mark.parametrize(("cameras", "frames"), [(3, 4), (1, 3), (3, 1)])
 def test_streams_from_a_folder_to_a_folder(tmp_path: Path, cameras: int, frames: int) -> None:
     """Frame by frame, with the same maps in the same types."""

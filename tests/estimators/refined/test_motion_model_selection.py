@@ -47,6 +47,7 @@ def motion_of(found: xr.Dataset) -> Array:
     return np.asarray(inner(found)["motion_model"].values)
 
 
+@nightly
 @pytest.mark.parametrize("motion", ["auto", *by_night("growing")])
 def test_a_plane_that_grows_evenly_is_plain(motion: str) -> None:
     """Any gradient and an acceleration change by noise alone what rotation and growth find."""
@@ -75,6 +76,7 @@ def test_shear_takes_any_gradient(times: int) -> None:
         assert np.sqrt(np.nanmean(scaled(fixed, *exact) ** 2)) > 3.0
 
 
+@nightly
 def test_an_even_acceleration_is_found() -> None:
     """All frames agree with it, so that all are used."""
     plane = MovingPlane(acceleration_mm=(0.01, -0.015, 0.04))

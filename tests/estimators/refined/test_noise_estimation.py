@@ -22,6 +22,7 @@ from scenetruth.estimators.refined import (
     spline_transfer,
 )
 from tests.helpers.estimated_plane import INSIDE, errors, estimated
+from tests.helpers.nightly import nightly
 from tests.helpers.wavy_plane import MovingPlane
 
 DARK, GAIN = 0.004, 0.002
@@ -62,6 +63,7 @@ def scaled(found: xr.Dataset, plane: MovingPlane) -> NDArray[Any]:
     return np.concatenate([part.reshape(-1, *part.shape[-2:]) for part in parts])
 
 
+@nightly
 def test_weights_by_noise_bring_smaller_errors_that_are_stated() -> None:
     """Grey values from 0.01 to 1 with shot noise: bright pixels have a hundred times the variance of dark ones."""
     plane = MovingPlane(size=(96, 128))
@@ -99,6 +101,7 @@ def test_noise_after_two_interpolations(order: int) -> None:
     assert float(resampled_transfer(order, 1.0)) == spline_transfer(order)
 
 
+@nightly
 def test_bars_of_resampled_images_are_right() -> None:
     """Images displaced by half a pixel along x and y have 70 % of the noise, but no less error of depth."""
     plane = MovingPlane(size=(96, 128))

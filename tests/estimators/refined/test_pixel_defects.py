@@ -19,6 +19,7 @@ from scenetruth.estimators.refined import (
     find_saturated_runs,
     spread_defects,
 )
+from tests.helpers.nightly import nightly
 from tests.helpers.wavy_plane import MovingPlane, turning
 
 PLANE = MovingPlane(seed=2, size=(90, 120), gradient=turning(4e-3, -3e-3, 5e-3))
@@ -79,6 +80,7 @@ def test_missing_pixels_cost_their_samples_and_no_more(noisy: xr.Dataset, whole:
     assert rms(scaled) == pytest.approx(rms(scaled_before), abs=0.1)
 
 
+@nightly
 @pytest.mark.parametrize("start", ["plane_sweep", "structure_tensor"])
 def test_what_lies_under_a_mask_counts_for_nothing(noisy: xr.Dataset, start: str) -> None:
     """Rubbish under a mask, one for each camera, changes nothing at all."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth.estimators.refined import maximise_likelihood
+from tests.helpers.nightly import nightly
 from tests.helpers.wavy_plane import MovingPlane
 
 Array = NDArray[np.float64]
@@ -83,18 +84,21 @@ def test_stated_errors_are_compared_with_the_images() -> None:
     assert (np.abs(z) < 3).mean() > 0.95
 
 
+@nightly
 def test_errors_beyond_those_stated_enlarge_standard_deviations() -> None:
     draws = [_stated(4.0, 0.0, seed) for seed in (3, 4, 5)]
     assert all("times the stated errors" in warned[0] for warned, _ in draws)
     assert np.mean([(np.abs(z) < 2).mean() for _, z in draws]) > 0.85
 
 
+@nightly
 def test_displaced_visits_that_are_not_stated() -> None:
     draws = [_stated(1.0, 0.05, seed) for seed in (3, 4, 5)]
     assert all("single images by about 0.0" in warned[0] for warned, _ in draws)
     assert np.mean([(np.abs(z) < 2).mean() for _, z in draws]) > 0.85
 
 
+@nightly
 def test_unsteady_motion_of_the_whole_view_is_not_an_error_of_poses() -> None:
     """All cameras of a frame are displaced alike: 0.3 px from frame to frame, of which no stated pose is the cause."""
     frames = 7

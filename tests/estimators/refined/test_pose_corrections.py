@@ -83,6 +83,7 @@ def _at(values: Array, at: Array) -> Array:
     return np.stack([map_coordinates(each, at, order=1) for each in flat]).reshape(values.shape)
 
 
+@nightly
 def test_images_are_found_where_they_are() -> None:
     found, without = errors(1), errors(1, corrected=False)
     # Across the stage nothing but the noise limits the shift: 100 times less than the images are off.

@@ -224,6 +224,7 @@ def test_every_frame_is_the_same_in_tiles() -> None:
     _assert_same(whole, tiled, 0.1)
 
 
+@nightly
 @pytest.mark.usefixtures("limits")
 def test_tiles_know_the_properties_of_whole_images() -> None:
     """An image that contradicts the others is excluded in all tiles; and a tile without texture is invalid."""

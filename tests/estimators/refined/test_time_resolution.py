@@ -18,7 +18,7 @@ import scenetruth as st
 from scenetruth.estimators.refined import choose_frames_beyond, derivative_weights
 from scenetruth.indexing import centred_indices
 from scenetruth.schema import REASONS
-from tests.helpers.nightly import by_night
+from tests.helpers.nightly import by_night, nightly
 from tests.helpers.wavy_plane import MovingPlane
 
 Array = NDArray[np.float64]
@@ -81,6 +81,7 @@ def scaled_errors(found: xr.Dataset, factor: float) -> Array:
     return np.asarray((off / found["velocity_std"].values[:2])[:, valid])
 
 
+@nightly
 @pytest.mark.parametrize("acceleration", [True, *by_night("auto", False)])
 @pytest.mark.parametrize(("period", "phase"), [(6.0, 0.4), *by_night((5.0, 0.0), (8.0, 1.0))])
 def test_velocities_of_three_frames_of_a_swing_have_their_systematic_error(
@@ -100,6 +101,7 @@ def test_velocities_of_three_frames_of_a_swing_have_their_systematic_error(
     assert np.sqrt(np.mean(scaled_errors(alone, np.cos(phase)) ** 2)) > 4.0
 
 
+@nightly
 def test_steady_velocities_keep_their_standard_deviation() -> None:
     steady = recorded(lambda t: t, 5)
     found, alone = estimated(steady), estimated(steady.isel(t=slice(1, 4)))
@@ -110,6 +112,7 @@ def test_steady_velocities_keep_their_standard_deviation() -> None:
     assert np.sqrt(np.mean(scaled_errors(found, 1.0) ** 2)) == pytest.approx(1.0, abs=0.15)
 
 
+@nightly
 @pytest.mark.parametrize("broken", [[0], *by_night([4])])
 def test_a_frame_beyond_of_something_else_does_not_matter_if_the_other_one_fits(broken: list[int]) -> None:
     steady = recorded(lambda t: t, 5).copy(deep=True)
@@ -120,6 +123,7 @@ def test_a_frame_beyond_of_something_else_does_not_matter_if_the_other_one_fits(
     assert np.abs(scaled_errors(found, 1.0)).max() < 6.0
 
 
+@nightly
 def test_motion_that_no_frame_beyond_shows_is_a_model_violation() -> None:
     moved = recorded(lambda t: t, 5).copy(deep=True)
     for frame in (0, 4):

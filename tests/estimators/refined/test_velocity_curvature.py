@@ -8,6 +8,7 @@ import numpy as np
 
 import scenetruth as st
 from scenetruth.estimators.refined import blank_fit, initial_parameters, smooth_velocity
+from tests.helpers.nightly import nightly
 from tests.helpers.wavy_plane import MovingPlane, turning
 
 SHAPE, SIGMA_PX = (61, 82), 3.0
@@ -29,6 +30,7 @@ def test_polynomials_of_second_order_are_smooth() -> None:
     assert not np.isfinite(smooth_velocity(fit, small, SIGMA_PX)).any()
 
 
+@nightly
 def test_a_plane_keeps_its_fit() -> None:
     """Its velocity is of second order in the image by perspective alone, which windows know without the smooth part."""
     plane = MovingPlane(gradient=np.diag([0.012, -0.006, 0.0]) + turning(1e-3, 2e-3, -1e-3))
@@ -55,6 +57,7 @@ def test_a_plane_keeps_its_fit() -> None:
         assert np.sqrt(np.nanmean(error[..., affine] ** 2)) < 1.3
 
 
+@nightly
 def test_growth_that_changes_within_windows() -> None:
     """By its mean over 28 mm: without the smooth part, growth errs by 1.7 standard deviations and U_X by 2.1."""
     growth = {"kind": "growth", "rate_per_hour": 0.6, "along_share": 0.7, "base_to_tip": [4.0, 0.0]}

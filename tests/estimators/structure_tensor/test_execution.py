@@ -149,6 +149,7 @@ def hash_here() -> str:
     return printed.getvalue()
 
 
+@nightly
 def test_estimates_do_not_depend_on_threads() -> None:
     many = {hash_here()} if thread_count() > 1 else hashes_of("2")
     assert len(many | hashes_of("1")) == 1

@@ -22,7 +22,7 @@ from scenetruth.estimators.structure_tensor import (
 )
 from scenetruth.schema import STATUS_INVALID, STATUS_VALID
 from tests.helpers.analytic_plane import Plane
-from tests.helpers.nightly import by_night
+from tests.helpers.nightly import by_night, nightly
 
 
 def shifted_noise(disparity: int, seed: int, width: int = 160) -> NDArray[np.float32]:
@@ -199,6 +199,7 @@ def test_working_points_of_each_pixel_follow_a_slope() -> None:
         assert np.sqrt(np.mean(error[both] ** 2)) <= np.sqrt(np.mean(other[both] ** 2)) + 1e-6
 
 
+@nightly
 @pytest.mark.parametrize("levels", [2, *by_night(3)])
 def test_coarse_to_fine_keeps_a_far_background_of_fine_texture(levels: int) -> None:
     """Waves of 4 to 8 px are gone at a quarter of the resolution, where only what is near and coarse is left."""

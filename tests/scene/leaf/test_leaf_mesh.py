@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 import scenetruth as st
 from scenetruth.scene.leaf import LeafMesh, LeafShape, compute_entire_margin, compute_half_width_mm, compute_margin
 from scenetruth.scene.mesh import TriangleMesh
+from tests.helpers.nightly import nightly
 from tests.helpers.scenes import cube
 
 OUTLINES = ["ovate", "lanceolate", "cordate", "elliptic"]
@@ -113,6 +114,7 @@ def test_sheets_of_any_leaf_are_sound(
     check_sheet(entry.make(), entry)
 
 
+@nightly
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
 @given(
     lobes=some.sampled_from([5, 7, 9, 11]),

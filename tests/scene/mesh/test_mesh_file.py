@@ -21,6 +21,7 @@ from scenetruth.scene.mesh import load_mesh_file, make_box, make_sphere
 from scenetruth.scene.scene_report import describe_scene
 from scenetruth.truth import GeometryPass, truth_maps
 from tests.helpers.ball_mesh import DISTANCE, RADIUS, Floats, ball, write
+from tests.helpers.nightly import nightly
 from tests.helpers.scenes import cube
 
 
@@ -203,6 +204,7 @@ def lambert(scene: st.Scene, to_light: Floats) -> tuple[Floats, Floats]:
     return np.maximum(normal @ to_light, 0).reshape(shape), facing.reshape(shape)
 
 
+@nightly
 @pytest.mark.parametrize("normals", [False, True], ids=["without normals", "with its own normals"])
 def test_light_on_a_smooth_file_is_lamberts_to_second_order(tmp_path: Path, normals: bool) -> None:
     to_light = np.array([-2.0, -1.0, -1.0]) / np.sqrt(6)

@@ -186,6 +186,7 @@ def test_what_the_estimate_does_not_hold_is_left_out(
     assert_legible(tmp_path / "without")
 
 
+@nightly
 def test_without_truth_the_estimate_is_drawn_alone(small_case: Case, tmp_path: Path) -> None:
     figures = plot_all(small_case.recording, small_case.estimate, folder=tmp_path)
     assert [figure.file for figure in figures] == files_without({"error_histograms.png"})
@@ -469,6 +470,7 @@ def test_importing_the_room_loads_no_heavy_library() -> None:
 FEW = ("surface", "velocity_z_row")
 
 
+@nightly
 def test_pdf_files_stand_beside_unchanged_pictures(full_case: Case, drawn: Drawn, tmp_path: Path) -> None:
     case, result = full_case, score(full_case.estimate, full_case.truth)
     for folder, names in (("one", FEW), ("other", FEW[1:])):

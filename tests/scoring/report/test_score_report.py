@@ -18,6 +18,7 @@ from scenetruth.number_format import format_number, format_percent_value
 from scenetruth.schema import STATUS_VALID
 from scenetruth.scoring import COMMON_STATISTICS, FIGURES, QUANTITIES, Score, score, write_report
 from scenetruth.scoring.report import build_score_content, describe_maps
+from tests.helpers.nightly import nightly
 from tests.helpers.page_words import without_definitions
 from tests.helpers.synthetic_case import HELD, OF_ERRORS, Case, Drawn, make_case, make_growing_case, with_outliers
 
@@ -36,6 +37,7 @@ METADATA = {
 }
 
 
+@nightly
 def test_errors_in_common_have_a_table_where_they_are_stated(
     full_case: Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
