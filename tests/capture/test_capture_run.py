@@ -62,7 +62,14 @@ def test_run_writes_calibration_recording_estimate_and_reports(run: CaptureRun) 
     assert common == pytest.approx(z.std[0], rel=0.02)
     np.testing.assert_allclose(estimate["depth_std"] ** 2, estimate["depth_std_common"] ** 2 + 0.05**2, rtol=1e-4)
     page = without_definitions(run.page.read_text(encoding="utf-8"))
-    for text in ("Depth of all pixels at", "Suggestions", "focal length", "Halve", "gain K", 'href="report.html"'):
+    for text in (
+        "Suggestions",
+        "standard deviation of the mean depth",
+        "focal length",
+        "Halve",
+        "gain K",
+        'href="report.html"',
+    ):
         assert text in page
 
 

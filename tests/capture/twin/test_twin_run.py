@@ -18,6 +18,9 @@ from tests.helpers.command_line import scenetruth
 from tests.helpers.measured_twins import MeasuredCapture, measure_scene, two_plates
 from tests.helpers.nightly import nightly
 
+# The whole run; its parts have tests by day.
+pytestmark = nightly
+
 MARGIN = {"interior_margin_px": 8.0}
 
 
