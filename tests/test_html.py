@@ -27,13 +27,13 @@ def test_words_are_no_numbers(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("key", "told"), [(None, ""), (math.nan, ""), (3, "3.0"), (math.inf, "Infinity"), (-math.inf, "-Infinity")]
+    ("key", "expected"), [(None, ""), (math.nan, ""), (3, "3.0"), (math.inf, "Infinity"), (-math.inf, "-Infinity")]
 )
-def test_keys_are_numbers_of_javascript(key: float | None, told: str) -> None:
-    assert HtmlCell("x", key).sorts_by == told
+def test_keys_are_numbers_of_javascript(key: float | None, expected: str) -> None:
+    assert HtmlCell("x", key).sorts_by == expected
 
 
-def test_columns_of_words_are_told_from_numbers() -> None:
+def test_columns_of_words_are_distinguished_from_numbers() -> None:
     table = make_table("t", "A table", ["name", "number", "mixed"], [["a", 1.5, "–"], ["b", "∞", "2 px"]])
     assert table.numeric == [False, True, True]
     assert [cell.key for cell in table.lines[1]] == [None, math.inf, 2.0]
@@ -46,7 +46,7 @@ def test_a_page_is_one_file_in_which_no_word_acts() -> None:
     # The sweep's template has tables, charts, and words of its own.
     charts = {HOSTILE: [{"text": HOSTILE}]}
     found = {name: [HOSTILE] for name in ("factors", "methods", "notes", "failures")} | {"scenes": []}
-    told = {
+    context = {
         "result": HOSTILE,
         "seeds": 1,
         "values": [],
@@ -54,9 +54,9 @@ def test_a_page_is_one_file_in_which_no_word_acts() -> None:
         "best": [[HOSTILE, "2"]],
         "best_columns": ["a", HOSTILE],
     }
-    told |= {"statistics": [], "statistic": "", "regions": [], "region": HOSTILE, "quantities": []}
-    told |= {"columns": ["a"], "lines": [["3 px"]], "left_out": 0}
-    page = render_page("scenetruth.design.sweeps", "sweep.html.j2", charts, found=found, **told)
+    context |= {"statistics": [], "statistic": "", "regions": [], "region": HOSTILE, "quantities": []}
+    context |= {"columns": ["a"], "lines": [["3 px"]], "left_out": 0}
+    page = render_page("scenetruth.design.sweeps", "sweep.html.j2", charts, found=found, **context)
     text = without_definitions(page)
     assert HOSTILE not in text
     assert text.count("</script>") == 3

@@ -73,7 +73,7 @@ def images_of(pair: str, folder: Path, data: Path) -> Path:
         np.save(file.with_name(f"{pair}_truth.npy"), truth)
     else:
         first, second = given_pair(data)
-    with write_atomically(file, overwrite=True) as aside, aside.open("wb") as opened:
+    with write_atomically(file, overwrite=True) as partial, partial.open("wb") as opened:
         np.save(opened, np.stack([band_of(first), band_of(second)]).astype(np.uint8))
     return file
 
@@ -89,7 +89,7 @@ def measure(chosen: Sequence[Setting], pairs: Sequence[str], folder: Path, data:
         first, second = np.load(images_of(pair, folder, data)).astype(np.float64)
         started = time.process_time()
         row = displacement(setting, first, second)
-        with write_atomically(file, overwrite=True) as aside, aside.open("wb") as opened:
+        with write_atomically(file, overwrite=True) as partial, partial.open("wb") as opened:
             np.save(opened, row)
         print(f"{file.stem}: {time.process_time() - started:.1f} s", file=sys.stderr, flush=True)
     for program in dict.fromkeys(one.method for one, _, _ in missing if one.group == PROGRAM):
@@ -111,7 +111,7 @@ def measure_strain(chosen: Sequence[Setting], folder: Path, data: Path) -> None:
             first, second = np.load(images_of(pair, folder, data)).astype(np.float64)
             found = displacement_map(setting, first, second)
             for window, file in files.items():
-                with write_atomically(file, overwrite=True) as aside, aside.open("wb") as opened:
+                with write_atomically(file, overwrite=True) as partial, partial.open("wb") as opened:
                     np.save(opened, strain_row(found, window))
             print(f"{setting.key}, strain, {pair}", file=sys.stderr, flush=True)
 
@@ -197,7 +197,7 @@ def main() -> None:
 def write_csv(file: Path, rows: Sequence[dict[str, Any]]) -> None:
     """Write rows with six digits."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    with write_atomically(file, overwrite=True) as aside, aside.open("w", encoding="utf-8") as opened:
+    with write_atomically(file, overwrite=True) as partial, partial.open("w", encoding="utf-8") as opened:
         writer = csv.DictWriter(opened, rows[0].keys(), lineterminator="\n")
         writer.writeheader()
         writer.writerows({key: _short(value) for key, value in row.items()} for row in rows)

@@ -124,7 +124,7 @@ def rows_of_program(program: str, jobs: Sequence[tuple[Setting, Path, Path]], pe
         Folder with the environments of the programs.
     """
     peer = PEERS[program]
-    told = {
+    job_file = {
         "program": peer.program,
         "jobs": [
             {"images": str(images.absolute()), "output": str(row.absolute()), "size": one.size_px, "shape": one.shape}
@@ -133,7 +133,7 @@ def rows_of_program(program: str, jobs: Sequence[tuple[Setting, Path, Path]], pe
     }
     with tempfile.TemporaryDirectory(prefix="star5-") as work:
         file = Path(work) / "jobs.json"
-        file.write_text(json.dumps(told), encoding="utf-8")
+        file.write_text(json.dumps(job_file), encoding="utf-8")
         ended = subprocess.run(
             [str(python_of(peers, peer.environment)), str(Path(__file__).with_name("rows.py")), str(file)],
             cwd=work,

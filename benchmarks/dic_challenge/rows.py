@@ -72,12 +72,12 @@ def row_of(points: list[Row], shape: tuple[int, int], *, mesh: bool) -> Row:
 
 def main() -> None:
     """Match all jobs, and write a row of each; one that fails is named and omitted."""
-    told: dict[str, Any] = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
-    program = told["program"]
+    spec: dict[str, Any] = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    program = spec["program"]
     sys.path.insert(0, str(PROGRAMS))
     module = importlib.import_module(program)
     match = module._planar if program == "run_pyvale" else module._matched
-    for job in told["jobs"]:
+    for job in spec["jobs"]:
         first, second = (each.astype(np.float64) / 255 for each in np.load(job["images"]))
         size = int(job["size"])
         given = argparse.Namespace(

@@ -155,11 +155,11 @@ def points_of_pyvale(data: Path, folder: Path, peers: Path) -> dict[str, Array]:
     file = folder / "stereo_pyvale.npz"
     if not file.exists():
         left, top = (int(middle - size / 2) for middle, size in zip(CENTRE_PX, SIZE_PX, strict=True))
-        told = {"data": str(data), "output": str(file.absolute()), "box": [left, top, *SIZE_PX]}
-        told |= {"subset": SUBSET_PX, "step": STEP_PX}
+        job = {"data": str(data), "output": str(file.absolute()), "box": [left, top, *SIZE_PX]}
+        job |= {"subset": SUBSET_PX, "step": STEP_PX}
         program = Path(__file__).with_name("stereo_pyvale.py")
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE"}
-        words = [str(python_of(peers, "pyvale")), str(program), json.dumps(told)]
+        words = [str(python_of(peers, "pyvale")), str(program), json.dumps(job)]
         subprocess.run(words, check=True, env=environment, cwd=folder)
     return dict(np.load(file))
 

@@ -14,9 +14,9 @@ def main() -> None:
     """Match, and write pixels and points."""
     from pyvale import calib, data, dic
 
-    told = json.loads(sys.argv[1])
+    job = json.loads(sys.argv[1])
     references = [data.dic_chal_3d_cam0(), data.dic_chal_3d_cam1()]
-    left, top, width, height = told["box"]
+    left, top, width, height = job["box"]
     region = np.zeros((2048, 2448), bool)
     region[top : top + height, left : left + width] = True
     with tempfile.TemporaryDirectory() as work:
@@ -26,8 +26,8 @@ def main() -> None:
             calibration=calib.loadtxt(data.dic_ex10_dic_chal_calibration(), delimiter=","),
             roi_mask=region,
             seed=[[left + width // 2, top + height // 2]],
-            subset_size=told["subset"],
-            subset_step=told["step"],
+            subset_size=job["subset"],
+            subset_step=job["step"],
             precision=1e-5,
             output_basepath=work,
             print_level=0,
@@ -37,7 +37,7 @@ def main() -> None:
     known = np.isfinite(z) & (z != 0)
     parts = {"x_px": found.ss_x, "y_px": found.ss_y, "z_mm": z}
     parts |= {"x_mm": found.stereo.x_mm[0], "y_mm": found.stereo.y_mm[0]}
-    np.savez(told["output"], **{name: np.asarray(each, dtype=np.float64)[known] for name, each in parts.items()})
+    np.savez(job["output"], **{name: np.asarray(each, dtype=np.float64)[known] for name, each in parts.items()})
 
 
 if __name__ == "__main__":

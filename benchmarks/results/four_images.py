@@ -123,9 +123,9 @@ def _maps(job: FourImages, pair: Pair, folder: Path, *, points: bool) -> Mapping
         return _by_opencv(pair, FlowSettings(**_settings(job)))
     if job.peer not in PEERS:
         found = st.estimate(pair.recording, job.peer, _settings(job)).sel(t=0)
-        told = found["status"].values == 2
+        valid = found["status"].values == 2
         names = [name for name in ("disparity", "depth", "flow", "velocity", "growth_rate") if name in found]
-        return {name: np.where(told, found[name].values, np.nan) for name in names}
+        return {name: np.where(valid, found[name].values, np.nan) for name in names}
     with tempfile.TemporaryDirectory(prefix="peer-") as output:
         options = (*job.options, "--region", str(pair.region.absolute()), *(["--points"] if points else []))
         words = shlex.split(command_of(folder, job.peer, options))

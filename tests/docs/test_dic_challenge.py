@@ -42,7 +42,7 @@ def test_a_mean_loses_ten_percent_near_the_period_of_its_dirichlet_kernel(width:
     ratio = kernel_of_mean(width)
     exact = brentq(lambda period: ratio(period) - 0.9, 1.2 * width, 100 * width)
     first, last = cutoff_periods(PERIODS, ratio(PERIODS))
-    # A polynomial of order 12 does not follow the side lobes of a kernel: the rule itself is off by up to 6 %.
+    # A polynomial of order 12 does not follow the side lobes of a kernel: the rule itself errs by up to 6 %.
     assert first == pytest.approx(exact, rel=0.06)
     assert last == first
     # Another basis and another solver find the crossing of the same polynomial.
