@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from scenetruth import compilation, threads
+from tests.helpers.nightly import nightly
 
 
 @given(count=st.integers(0, 5000), number=st.integers(1, 5), least=st.integers(1, 2000))
@@ -135,6 +136,7 @@ def test_no_task_begins_after_an_error_or_without_a_reader(monkeypatch: pytest.M
     assert len(begun) <= 3
 
 
+@nightly
 def test_arrays_of_shared_work_are_freed_while_all_threads_are_busy(monkeypatch: pytest.MonkeyPatch) -> None:
     import gc
     import weakref

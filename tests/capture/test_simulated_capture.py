@@ -397,6 +397,7 @@ def test_light_and_dark_current_are_proportional_to_the_exposure_time(tmp_path: 
     assert np.corrcoef(dark.reshape(len(EXPOSURES), -1)).min() > 0.75
 
 
+@nightly
 @pytest.mark.parametrize(
     ("sensor", "exponent"),
     [

@@ -21,6 +21,7 @@ import yaml
 import scenetruth as st
 from scenetruth.cli.app import app
 from tests.helpers.command_line import in_own_process, names, scenetruth
+from tests.helpers.nightly import nightly
 from tests.helpers.no_gl import python_path_without_gl
 from tests.helpers.scenes import SCENES, cube
 
@@ -94,6 +95,7 @@ def scores(folder: Path) -> list[object]:
     return [content[region] for region in ("all", "interior")]
 
 
+@nightly
 def test_commands_one_by_one_give_the_same_as_run(finished: Path, scene_file: Path, tmp_path: Path) -> None:
     folder = tmp_path / "steps"
     assert scenetruth("render", scene_file, "-o", folder).returncode == 0

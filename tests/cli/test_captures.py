@@ -15,6 +15,7 @@ from scenetruth.capture import RigCalibration
 from tests.helpers.board_captures import make_board_capture
 from tests.helpers.captured_folders import CapturedFolder, write_capture
 from tests.helpers.command_line import scenetruth
+from tests.helpers.nightly import nightly
 from tests.helpers.scenes import cube
 
 pytestmark = pytest.mark.usefixtures("undrawn_figures")
@@ -148,6 +149,7 @@ def test_calibration_prints_its_parameters_and_writes_its_files(tmp_path: Path) 
         assert ("cameras.yaml: cannot be read" if more else "--overwrite") in done.stderr
 
 
+@nightly
 def test_run_of_a_capture_prints_the_calibration_and_its_pages(tmp_path: Path) -> None:
     folder = make_board_capture(tmp_path / "lab", poses=3, static=0, dark=4, flat=4)
     done = scenetruth("capture", "run", folder, "-o", tmp_path / "out", "--method", "opencv_stereo[window: 0]")

@@ -14,6 +14,7 @@ import yaml
 
 import scenetruth as st
 from tests.helpers.command_line import names, scenetruth
+from tests.helpers.nightly import nightly
 from tests.helpers.page_words import without_definitions
 from tests.helpers.scenes import cube
 
@@ -41,6 +42,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place / "x"
 
 
+@nightly
 def test_run_puts_methods_side_by_side(folder: Path) -> None:
     for name in ("estimate.zarr", "estimate.opencv_flow.zarr", "score.opencv_flow.json", "report.opencv_flow.html"):
         assert (folder / name).exists()
@@ -126,6 +128,7 @@ def test_a_method_that_cannot_is_named_before_the_work(tmp_path: Path) -> None:
     assert not (tmp_path / "x").exists()
 
 
+@nightly
 def test_a_method_that_never_returns_can_be_interrupted(tmp_path: Path) -> None:
     # That a second process which draws is ended as well is tried by `tests.cli.test_app`.
     scene = write_scene(tmp_path / "scene.yaml")

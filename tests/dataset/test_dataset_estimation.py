@@ -14,12 +14,13 @@ from scenetruth.dataset.generation import run_dataset
 from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.dataset.verification import verify_dataset
 from scenetruth.errors import EstimateError
+from tests.helpers.nightly import by_night, nightly
 from tests.helpers.small_recipes import RECIPE, SCENE
 
 FIVE_FRAMES = {**copy.deepcopy(SCENE), "frames": {"count": 5}}
 
 
-@pytest.fixture(scope="module", params=["folder", "shards"])
+@pytest.fixture(scope="module", params=["folder", *by_night("shards")])
 def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder: Path = tmp_path_factory.mktemp("made") / request.param
     plain = {**copy.deepcopy(RECIPE), "base": FIVE_FRAMES, "samples": 2, "layout": request.param}
@@ -60,6 +61,7 @@ def test_what_has_a_score_is_not_estimated_again_nor_mixed_with_other_settings(m
 WALL = "def f(recording):\n    return {'depth': 0.0 * recording.image[0].values + DEPTH}\n"
 
 
+@nightly
 @pytest.mark.filterwarnings("ignore")
 def test_a_method_that_is_mended_is_measured_again(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, messages: list[str]

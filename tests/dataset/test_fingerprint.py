@@ -20,6 +20,7 @@ from scenetruth.dataset.sampler import Sampler
 from scenetruth.dataset.verification import verify_dataset
 from scenetruth.errors import BackendUnavailableError, MachineError, MismatchError
 from scenetruth.jobs.worker_setup import collect_versions, refuse_other_versions
+from tests.helpers.nightly import by_night
 from tests.helpers.no_gl import python_path_without_gl
 from tests.helpers.small_recipes import RECIPE
 
@@ -29,7 +30,7 @@ def changed(folder: DatasetFolder, **changes: Any) -> None:
     folder.identity.write_text(json.dumps({**found, **changes}), encoding="utf-8")
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, *by_night(2)])
 def test_a_worker_without_gl_is_told_and_no_sample_is_set_aside(
     workers: int, tmp_path: Path, sampler_with: Callable[..., Sampler], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -110,7 +111,7 @@ WAYS = (
 )
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", [*WAYS[:2], *by_night(*WAYS[2:])])
 def test_each_file_that_a_draw_can_name_belongs_to_the_data_set(tmp_path: Path, way: str) -> None:
     plain, file = choices(tmp_path, way)
     assert file in collect_dataset_files(recipe(**plain).sampler())
@@ -171,7 +172,7 @@ def test_a_table_that_changes_is_read_again(tmp_path: Path) -> None:
     assert drawn == [100, 10555]
 
 
-@pytest.mark.parametrize("way", ["distribution", "table", "paired", "set"])
+@pytest.mark.parametrize("way", ["distribution", *by_night("table", "paired", "set")])
 def test_relative_file_names_refer_to_the_directory_of_the_recipe(
     tmp_path: Path, way: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

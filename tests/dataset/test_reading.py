@@ -15,6 +15,7 @@ from scenetruth.dataset.reading import Sample, SceneDataset
 from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.dataset.samples import Partition
 from scenetruth.dataset.verification import verify_dataset
+from tests.helpers.nightly import by_night
 from tests.helpers.small_recipes import RECIPE
 
 DEPTH = "objects.1.pose.position_mm.2"
@@ -28,7 +29,7 @@ def recipe(**changes: Any) -> Any:
     ).sampler()
 
 
-@pytest.fixture(scope="module", params=["folder", "shards"])
+@pytest.fixture(scope="module", params=["folder", *by_night("shards")])
 def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder: Path = tmp_path_factory.mktemp("made") / request.param
     run_dataset(recipe(layout=request.param, samples_per_shard=2).recipe, output=folder, workers=1)

@@ -20,7 +20,7 @@ from scenetruth.dataset.recipe_loader import Recipe
 from scenetruth.dataset.verification import VerificationFailure, rebuild_catalogue, verify_dataset
 from scenetruth.errors import StoreError
 from tests.helpers.flipped_bits import flipped_bit, read_everything, select_bits
-from tests.helpers.nightly import nightly
+from tests.helpers.nightly import by_night, nightly
 from tests.helpers.small_recipes import RECIPE, SCENE
 from tests.helpers.undrawn_figures import leave_undrawn
 
@@ -35,7 +35,7 @@ def recipe(**changes: Any) -> Recipe:
     return Recipe.from_dict({**copy.deepcopy(RECIPE), "base": base, "samples": 2, "licence": "CC0-1.0", **changes})
 
 
-@pytest.fixture(scope="module", params=["folder", "shards", "interrupted"])
+@pytest.fixture(scope="module", params=[*by_night("folder"), "shards", "interrupted"])
 def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A data set with scores and card; or one that is incomplete, with parts of a catalogue and a failed sample."""
     folder: Path = tmp_path_factory.mktemp("made") / request.param

@@ -17,6 +17,7 @@ from scenetruth import exporters
 from scenetruth.exporters import load_formats
 from scenetruth.exporters.export_source import CameraPair, ExportSource
 from tests.helpers.exported_scene import Export, scene
+from tests.helpers.nightly import nightly
 
 PACKAGES = {
     **{"kitti": "cv2", "spring": "h5py", "exr": "OpenEXR", "ply": "plyfile"},
@@ -53,6 +54,7 @@ def test_every_class_of_the_modules_of_formats_is_one() -> None:
     assert set(re.findall(r"^class (\w+)", text, re.MULTILINE)) == {cls.__name__ for cls in load_formats().values()}
 
 
+@nightly
 def test_a_run_is_exported_as_its_data_sets_are(recording: xr.Dataset, truth: xr.Dataset, tmp_path: Path) -> None:
     st.save_store(recording, tmp_path / "run" / "recording.zarr")
     st.save_store(truth, tmp_path / "run" / "truth.zarr")

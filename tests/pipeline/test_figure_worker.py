@@ -35,6 +35,7 @@ def test_pictures_are_the_same_with_and_without_help(finished: Path, tmp_path: P
         assert picture.read_bytes() == (run / "figures" / picture.name).read_bytes(), picture.name
 
 
+@nightly
 def test_whatever_becomes_of_the_helper_all_pictures_are_drawn(finished: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(finished, run)

@@ -15,7 +15,7 @@ import scenetruth as st
 from scenetruth.estimators import Method, registry
 from scenetruth.pipeline import PipelineRunner, RunDirectory, run_scene
 from tests.helpers.killed_runs import Killer
-from tests.helpers.nightly import by_day, nightly
+from tests.helpers.nightly import by_day, by_night, nightly
 from tests.helpers.scenes import FIGURES, SMALL_CUBE, cube
 
 # Figures are drawn in `tests.scoring.figures`, and those of a whole run by the fixture that tests share.
@@ -219,7 +219,7 @@ def test_figures_may_be_chosen_and_are_checked_before_any_work(tmp_path: Path) -
     assert not (tmp_path / "x").exists()
 
 
-@pytest.mark.parametrize(("method", "seen"), [("structure_tensor", False), ("refined", True)])
+@pytest.mark.parametrize(("method", "seen"), [("structure_tensor", False), *by_night(("refined", True))])
 def test_growth_that_is_smaller_than_its_error_is_told(
     tmp_path: Path, method: str, seen: bool, messages: list[str]
 ) -> None:
@@ -238,6 +238,7 @@ def test_growth_that_is_smaller_than_its_error_is_told(
         assert note.endswith("error is 1 %/h, the RMS growth rate 1 %/h; --method refined is more precise")
 
 
+@nightly
 @by_day
 def test_a_run_that_is_killed(tmp_path: Path) -> None:
     with Killer(tmp_path, seed=0) as killer:

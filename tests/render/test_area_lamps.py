@@ -80,6 +80,7 @@ def segment(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray((np.arccos(x) - x * np.sqrt(1 - x**2)) / np.pi)
 
 
+@nightly
 def test_penumbra_on_a_plane() -> None:
     edge = -8.0
     lit, shaded = (

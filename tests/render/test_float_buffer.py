@@ -97,6 +97,7 @@ def test_border_of_an_image_extends(tmp_path: Path) -> None:
     assert image[-7:, -7:] == pytest.approx(picture[-1, -1] / 65535, abs=1e-6)
 
 
+@nightly
 @pytest.mark.parametrize(("samples", "limit"), [(20_000, 16384), (1 << 23, 200), (1, 16)])
 def test_tiles_join_without_a_seam(samples: int, limit: int, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = cube(camera={"width": 61, "height": 47, "focal_length_px": 480, "principal_point_px": [33.3, 20.1]})

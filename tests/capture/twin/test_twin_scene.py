@@ -38,6 +38,7 @@ def rendered(folder: Path) -> st.Simulation:
         return st.simulate(scene)
 
 
+@nightly
 def test_the_twin_shows_the_images_of_the_capture(measured: MeasuredCapture, twin: Path) -> None:
     recording = st.open_store(measured.run / "recording.zarr")
     found = rendered(twin).recording

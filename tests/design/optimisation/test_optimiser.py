@@ -41,6 +41,7 @@ def found(folder: Path) -> DesignResult:
     return optimise(spec(**CONFIRMED), output=folder, workers=1)
 
 
+@nightly
 def test_it_is_as_good_as_the_best_of_a_grid(found: DesignResult) -> None:
     best = found.recommended
     assert all(one.holds for one in best.constraints)

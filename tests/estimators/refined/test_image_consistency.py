@@ -76,7 +76,7 @@ def noisy() -> xr.Dataset:
         pytest.param(another, [(0, 1)], marks=nightly, id="file"),
         pytest.param(knocked, [(4, 2)], id="knocked"),
         pytest.param(black, [(2, 2)], marks=nightly, id="black0"),
-        pytest.param(another, [(2, 2)], id="file0"),
+        pytest.param(another, [(2, 2)], marks=nightly, id="file0"),
         pytest.param(knocked, [(2, 2)], marks=nightly, id="knocked0"),
         pytest.param(knocked, [(2, n) for n in range(5)], id="camera0"),
         pytest.param(black, [(n, 2) for n in range(5)], marks=nightly, id="frame0"),

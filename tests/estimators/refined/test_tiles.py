@@ -153,6 +153,7 @@ def _difference(whole: xr.Dataset, tiled: xr.Dataset, name: str) -> np.ndarray:
     return np.asarray(found[np.isfinite(found)])
 
 
+@nightly
 @pytest.mark.usefixtures("limits")
 def test_tiles_agree_with_the_whole_image() -> None:
     """Windows are complete within the margin, so that fits are equal up to their convergence, 0.01 px per iteration.
