@@ -48,6 +48,7 @@ def test_run_puts_methods_side_by_side(folder: Path) -> None:
         assert (folder / name).exists()
 
 
+@nightly
 def test_one_other_method_is_the_scenes_own_from_then_on(tmp_path: Path) -> None:
     scene = write_scene(tmp_path / "scene.yaml")
     overrides = ("--setting", "flow_window_px=15")

@@ -17,6 +17,7 @@ from scenetruth.errors import EstimateWarning
 from scenetruth.estimators import prepare
 from scenetruth.estimators.axis_order import describe_likely_causes, measure_shift, share_of_valid
 from scenetruth.pipeline.runner import write_estimate
+from tests.helpers.nightly import by_night
 
 DISPARITY_PX, FLOW_PX = 3.0, (0.2, 0.5)
 
@@ -48,7 +49,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("cause", WRONG)
-@pytest.mark.parametrize("method", ["structure_tensor", "refined", "plane_sweep"])
+@pytest.mark.parametrize("method", ["structure_tensor", *by_night("refined", "plane_sweep")])
 def test_an_estimate_without_valid_pixels_names_the_likely_cause(cause: str, method: str) -> None:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

@@ -17,7 +17,7 @@ from scenetruth.render.pyrender_backend import PyrenderRenderer, _tile_size
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
-from tests.helpers.nightly import nightly
+from tests.helpers.nightly import by_night, nightly
 from tests.helpers.scenes import cube
 
 
@@ -51,7 +51,7 @@ def raycast(scene: Scene, n: int, t: float = 0.0, x_mm: float = 0.0) -> NDArray[
     return RaycastRenderer(build_scene(scene), scene.camera, scene.background, n).render(t, Viewpoint.on_axis(x_mm))
 
 
-@pytest.mark.parametrize("n", [1, 3, 4])
+@pytest.mark.parametrize("n", [3, *by_night(1, 4)])
 def test_uniform_radiance_and_background_come_back_as_32_bit_floats(n: int) -> None:
     scene = facing_plane(
         {"kind": "uniform", "radiance": 0.123456},
@@ -72,7 +72,7 @@ def test_steps_far_below_8_bits_survive(tmp_path: Path) -> None:
     np.testing.assert_allclose(image, values / 65535, atol=1e-7)
 
 
-@pytest.mark.parametrize("kind", ["noise", "plaid", "image"])
+@pytest.mark.parametrize("kind", ["noise", *by_night("plaid", "image")])
 def test_textures_are_those_of_the_ray_caster(kind: str, tmp_path: Path) -> None:
     picture = np.random.default_rng(0).integers(0, 65536, (31, 45)).astype(np.uint16)
     imageio.imwrite(tmp_path / "picture.png", picture)
@@ -138,6 +138,7 @@ def test_a_shader_that_does_not_compile_is_named(tmp_path: Path, monkeypatch: py
         PyrenderRenderer(build_scene(scene), scene.camera, scene.background, 1)
 
 
+@nightly
 def test_a_texture_that_opengl_cannot_hold_is_named(tmp_path: Path) -> None:
     imageio.imwrite(tmp_path / "wide.png", np.zeros((2, 40_000), dtype=np.uint8))
     scene = facing_plane({"kind": "image", "file": str(tmp_path / "wide.png")})

@@ -75,7 +75,7 @@ def test_stated_covariance_of_corners_is_that_of_their_errors() -> None:
     assert 0.8 < np.sqrt((found**2).mean()) < 1.2
 
 
-@pytest.mark.parametrize("blur_px", [0.0, 0.2])
+@pytest.mark.parametrize("blur_px", [0.0, *by_night(0.2)])
 def test_edges_sharper_than_a_pixel(blur_px: float) -> None:
     """The residuals are those of the noise; two points per pixel and axis leave a mean square above 5 without blur."""
     errors, points = refined(CHARUCO, TURNS[0], 5, blur_px)

@@ -20,6 +20,7 @@ from scenetruth.capture.calibration import (
     triangulate,
 )
 from tests.helpers.drawn_rigs import draw_rig
+from tests.helpers.nightly import by_night
 
 F, Z = 5016.0, 660.0
 X_MM = np.array([-10.0, -5.0, 0.0, 5.0, 10.0])
@@ -113,7 +114,7 @@ def test_modes_sum_to_the_covariance() -> None:
     assert (np.diff((found.modes**2).sum(axis=1)) <= 0).all()
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, *by_night(2)])
 def test_covariance_is_that_of_drawn_calibrations(seed: int) -> None:
     """Depths of 400 drawn parameter vectors: the standard deviation within 4 times 1 / sqrt(2 n)."""
     layout = RigLayout.from_observations(RIG.observations, RigPriors(errors=StageErrors(preset="air_bearing")))

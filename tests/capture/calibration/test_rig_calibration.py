@@ -186,6 +186,7 @@ def test_too_little_tilt_says_what_to_add() -> None:
         calibrate(rig.observations, guess=5016.0, priors=rig.priors)
 
 
+@nightly
 def test_a_fit_that_does_not_converge_starts_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """A wrong tilt can lead into a valley without an end, far from the start values of the lens."""
     rig = draw_rig(93, poses=5, positions=3)
@@ -206,6 +207,7 @@ def test_a_fit_that_does_not_converge_starts_again(monkeypatch: pytest.MonkeyPat
         calibrate(rig.observations, guess=5016.0, priors=rig.priors)
 
 
+@nightly
 def test_understated_noise_scales_the_covariance() -> None:
     rig = draw_rig(92, poses=5, positions=3)
     views = [replace(view, covariance_px2=view.covariance_px2 / 1.5) for view in rig.observations.views]

@@ -65,6 +65,7 @@ def agrees(found: Budget, cause: str, quantity: str = "depth", within: float = 0
     assert part.simulated == pytest.approx(expected, rel=within), (cause, quantity)
 
 
+@nightly
 def test_what_is_predicted_is_simulated(found: Budget) -> None:
     assert not found.failures
     # For the very errors that were drawn, to what filters and windows leave.
@@ -111,6 +112,7 @@ def test_everything_predicted_is_simulated() -> None:
         assert total.signed_sum == pytest.approx(total.simulated, rel=0.1), quantity
 
 
+@nightly
 def test_parts_add_up_to_the_whole(found: Budget) -> None:
     for quantity in ("velocity_z", "velocity_y"):
         total = found.combined(quantity)
@@ -125,6 +127,7 @@ def test_parts_add_up_to_the_whole(found: Budget) -> None:
     assert everywhere.ideal >= found.combined("depth").ideal
 
 
+@nightly
 def test_it_says_what_limits(found: Budget) -> None:
     words = found.summary().splitlines()
     # The disparity is the depth again.
@@ -135,6 +138,7 @@ def test_it_says_what_limits(found: Budget) -> None:
     assert "reduces it to" in depth
 
 
+@nightly
 def test_figures_are_kept_and_not_made_again(found: Budget, scene: st.Scene, folder: Path) -> None:
     assert {path.name for path in folder.iterdir()} >= {"index.html", "waterfall.png", "budget.csv", "runs"}
     before = {path: path.stat().st_mtime_ns for path in (folder / "runs").iterdir()}

@@ -16,6 +16,7 @@ from scenetruth.estimators.refined.kernels import pixel_equations as equations
 from scenetruth.estimators.refined.noise_estimation import EVEN, spline_slope_transfer, spline_transfer
 from scenetruth.estimators.refined.row_bands import window_weights
 from tests.helpers.kernel_images import COUNT, HEIGHT, VIEW, WIDTH, Array, warped_by
+from tests.helpers.nightly import by_night
 from tests.helpers.wavy_plane import MovingPlane, turning
 
 
@@ -47,7 +48,7 @@ def places(fields: Array) -> Array:
     return np.array(seen)
 
 
-@pytest.mark.parametrize(("count", "order"), [(4, 5), (7, 5), (4, 3), (7, 3)])
+@pytest.mark.parametrize(("count", "order"), [(7, 5), *by_night((4, 5), (4, 3), (7, 3))])
 def test_images_are_fetched_where_they_see_the_points(
     images: Array, accelerated: Array, count: int, order: int
 ) -> None:

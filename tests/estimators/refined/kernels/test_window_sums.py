@@ -10,7 +10,7 @@ from scenetruth.estimators.refined.kernels import window_solver, window_sums
 from scenetruth.estimators.refined.noise_estimation import EVEN
 from scenetruth.estimators.refined.row_bands import window_weights
 from tests.helpers.kernel_images import COUNT, HEIGHT, VIEW, WIDTH, Array, Warped, warped_by
-from tests.helpers.nightly import by_night
+from tests.helpers.nightly import by_night, nightly
 
 
 def blank(products: Array) -> window_solver.Fit:
@@ -62,6 +62,7 @@ def products_of(fields: Array, warped: Warped) -> Array:
     return found
 
 
+@nightly
 @pytest.mark.parametrize("count", [4, *by_night(7)])
 def test_windows_of_members_are_whole_windows_if_all_belong(images: Array, accelerated: Array, count: int) -> None:
     fields = np.ascontiguousarray(accelerated[:count])
