@@ -30,7 +30,9 @@ SMALL = {
     "plants.0.nutation_period_frames": PERIOD,
 }
 METHOD = {"noise": "estimated"}
-COLOURS, HOLD_MS = 256, 180
+HOLD_MS = 180
+# Levels of the colour maps in the palette of all frames; 256 in all.
+LEVELS = {"gray": 46, "viridis_r": 70, "RdBu_r": 70, "magma": 70}
 
 
 def main() -> None:
@@ -39,11 +41,16 @@ def main() -> None:
     recording, truth = st.simulate(scene)
     hours = scene.frames.frame_interval_s / 3600
     shown = [draw(recording, truth, int(truth["t"][0]) + MARGIN + first, hours) for first in range(0, PERIOD, STEP)]
-    # One palette for all frames, so that colours do not flicker.
-    sheet = Image.fromarray(np.concatenate([np.asarray(one)[::2, ::2] for one in shown]))
-    palette = sheet.quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    frames = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in shown]
+    frames = [one.quantize(palette=palette(), dither=Image.Dither.NONE) for one in shown]
     frames[0].save(PICTURE, save_all=True, append_images=frames[1:], duration=HOLD_MS, loop=0, optimize=True)
+
+
+def palette() -> Image.Image:
+    """Return a picture whose palette has the colours of all maps, each in steps too small to be seen."""
+    colours = [mpl.colormaps[name](np.linspace(0, 1, count))[:, :3] for name, count in LEVELS.items()]
+    found = Image.new("P", (1, 1))
+    found.putpalette(np.rint(255 * np.concatenate(colours)).astype(np.uint8).tobytes())
+    return found
 
 
 def draw(recording: xr.Dataset, truth: xr.Dataset, t: int, hours_per_frame: float) -> Image.Image:
