@@ -18,6 +18,7 @@ from scenetruth.raycast.ray_triangle_kernels import (
     LOW_U,
     LOW_V,
     PLANE_MARGIN,
+    RANGES,
     W0_X,
     W1_X,
     W2_X,
@@ -35,7 +36,7 @@ __all__ = ["RayGrid", "pixel_hits", "sample_directions"]
 _MARGIN = 1e-5  # deviation of rays from their pixel, in steps of the grid
 _NEARER = 1e-9  # relative margin of depths for rounding
 _MANY_RAYS = 4  # minimum number of rays in a pixel for which its faces are sorted by depth
-_SORTED = 48  # maximum number of faces in a pixel that are sorted by depth
+_SORTED = 256  # maximum number of faces in a pixel that are sorted by depth
 _LEAST_CAST = 2048  # minimum number of rays per thread
 _BLOCK = 4  # pixels along a side of the blocks in which pixels with rays are marked
 _FACES_PER_PIXEL = 12  # space for the faces of a pixel, enlarged if necessary
@@ -238,6 +239,8 @@ def _pixel_hits(
         ends[number + 1] -= 1
         own[ends[number + 1]] = listed[entry]
     order = np.empty(_SORTED, dtype=np.int32)
+    # Ranges of the sorted faces: most rays in a pixel with small faces are outside most of them.
+    ranges = np.empty((_SORTED, RANGES), dtype=np.float64)
     for number in range(count):
         n, after = firsts[number], firsts[number + 1]
         first, last = ends[number + 1], ends[number + 2] if number + 1 < count else used
@@ -250,15 +253,26 @@ def _pixel_hits(
                     order[at] = order[at - 1]
                     at -= 1
                 order[at] = face
+            for k in range(last - first):
+                for part in range(RANGES):
+                    ranges[k, part] = boxes[order[k], part]
         for ray in range(n, after):
             dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
-            _, _, along = components(dx, dy, dz, frame)
+            across, down, along = components(dx, dy, dz, frame)
+            u, v = across / along, down / along
             best, nearest = -1, np.inf
             for k in range(last - first):
                 face = order[k] if few else own[first + k]
                 if near[face] > nearest * along * (1.0 + _NEARER):
                     if few:
                         break
+                    continue
+                if few and not (
+                    (ranges[k, LOW_U] <= u)
+                    & (u <= ranges[k, HIGH_U])
+                    & (ranges[k, LOW_V] <= v)
+                    & (v <= ranges[k, HIGH_V])
+                ):
                     continue
                 form = forms[face]
                 w0, w1, w2 = edge_functions(form, dx, dy, dz)

@@ -105,6 +105,10 @@ GAUSS_ORDERS = (2, 3, 4, 6, 8)
 """Orders n of the rules of n x n Gauss points, from the cheapest."""
 
 
+WIDE_ORDERS = (8, 12, 16)
+"""Orders of further Gauss rules, for pixels that contain many texels."""
+
+
 def filter_transfer(frequency: Floats) -> Floats:
     """Return the transfer of the filter for waves of a frequency in cycles per pixel, with their aliases."""
     return np.asarray(FILTER_TAPS @ np.cos(2 * np.pi * np.multiply.outer(np.arange(-3, 4), frequency)).reshape(7, -1))
@@ -194,3 +198,60 @@ def _longest_steps(texture: SurfaceTexture, error: float) -> Floats:
         longest.append(np.inf if not len(beyond) else 0.0 if beyond[0] == 0 else float(_STEPS[beyond[0] - 1]))
     longest[1:] = np.maximum.accumulate(longest[1:]).tolist()
     return np.array(longest)
+
+
+_FOOTPRINTS = 24  # footprints on which rules are compared, of each shape
+_SHAPES = (1.0, 4.0)  # their ratios of length and width
+_REFERENCE = 20  # order of the rule with which the others are compared
+_TRIED = 2.0 ** (np.arange(10) / 3)  # steps that are tried, relative to the first
+_SAFETY = 1.5  # factor of the error, because the footprints are few
+_widest: WeakKeyDictionary[SurfaceTexture, dict[float, Floats]] = WeakKeyDictionary()
+
+
+def compute_widest_steps(texture: SurfaceTexture, error: float, least: float) -> Floats:
+    """Return the longest steps of a texture, in texels, for which the rules of `WIDE_ORDERS` are within an RMS error.
+
+    Means over footprints of several shapes and all orientations are compared with those by a finer rule. The lines of
+    `compute_longest_steps` would require more points, because they disregard the mean along the other axis of a pixel.
+
+    ``least``: Step from which these rules are wanted.
+    """
+    known = _widest.setdefault(texture, {})
+    if error not in known:
+        known[error] = _widest_steps(texture, error / _SAFETY, least)
+    return known[error]
+
+
+def _widest_steps(texture: SurfaceTexture, error: float, least: float) -> Floats:
+    found, within = np.zeros(len(WIDE_ORDERS)), np.ones(len(WIDE_ORDERS), dtype=np.bool_)
+    for step in least * _TRIED if 0 < least < np.inf else ():
+        within &= _rule_differences(texture, float(step)) <= error
+        found[within] = step
+        if not within[-1]:
+            break
+    return found
+
+
+@lru_cache(maxsize=1)
+def _compared_rules() -> list[Rule]:
+    return [square_rule(*gauss_rule(order)) for order in (*WIDE_ORDERS, _REFERENCE)]
+
+
+def _rule_differences(texture: SurfaceTexture, step: float) -> Floats:
+    """Return the RMS errors of the rules of `WIDE_ORDERS` over footprints of a length, for their worst shape."""
+    rows, columns = texture.shape
+    number = np.arange(_FOOTPRINTS) + 0.5
+    centres = np.column_stack([number / _FOOTPRINTS, (number * _GOLDEN) % 1.0])
+    angle = 2 * np.pi * ((number * _GOLDEN**2) % 1.0)
+    along = step * np.column_stack([np.cos(angle), np.sin(angle)])
+    aside = step * np.column_stack([-np.sin(angle), np.cos(angle)])
+    rules = _compared_rules()
+    offsets, errors = np.concatenate([offsets for offsets, _ in rules]), []
+    ends = np.cumsum([len(weights) for _, weights in rules])
+    for shape in _SHAPES:
+        across = offsets[:, :1] * along[:, None] + offsets[:, 1:] * aside[:, None] / shape
+        points = (centres[:, None] + across / (columns, rows)).reshape(-1, 2)
+        values = np.split(texture.radiance(points).reshape(_FOOTPRINTS, -1), ends[:-1], axis=1)
+        means = [part @ weights for part, (_, weights) in zip(values, rules, strict=True)]
+        errors.append([np.sqrt(np.mean((mean - means[-1]) ** 2)) for mean in means[:-1]])
+    return np.asarray(np.max(errors, axis=0))

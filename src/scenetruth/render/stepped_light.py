@@ -171,7 +171,8 @@ class SteppedLightRenderer(FootprintRenderer):
         hits = view.caster.cast_in_pixels(view.rays.origin, directions, own[tested])
         divided[parts.owner[tested[hits.face != parts.face[tested]]]] = False
         # Pixels that cannot be divided show many facets, or other bodies that protrude.
-        rules.ravel()[pixels[~divided]] = _FINEST
+        undivided = pixels[~divided]
+        rules.ravel()[undivided] = np.maximum(rules.ravel()[undivided], _FINEST)
         divided &= np.bincount(parts.owner, minlength=len(pixels)) > 1
         some = divided[parts.owner]
         owner, own, face = (np.cumsum(divided) - 1)[parts.owner[some]], own[some], parts.face[some]
