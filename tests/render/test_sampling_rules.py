@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from scenetruth.render import sampling_rules
 from scenetruth.render.sampling_rules import (
     FILTER_TAPS,
     GAUSS_ORDERS,
@@ -19,6 +20,7 @@ from scenetruth.render.sampling_rules import (
     square_rule,
 )
 from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.texture import SurfaceTexture
 from scenetruth.validation_studies.rendering_accuracy import noise_plane
 from tests.helpers.nightly import by_night
 
@@ -112,3 +114,22 @@ def test_no_further_rules_without_a_longest_step() -> None:
     texture = build_scene(noise_plane((6.0, 30.0), (60, 80))).bodies[0].texture
     for least in (0.0, np.inf):
         assert not compute_widest_steps(texture, 1e-4 / (1 + least), least).any()
+
+
+def test_scenes_that_are_built_again_need_no_further_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = noise_plane((6.0, 30.0), (60, 80))
+    first, again = (build_scene(scene).bodies[0].texture for _ in range(2))
+    other = build_scene(scene.model_copy(update={"seed": scene.seed + 1})).bodies[0].texture
+    steps = compute_longest_steps([first], 2e-4)
+    searches: list[object] = []
+    search = sampling_rules._longest_steps
+
+    def counted(texture: SurfaceTexture, error: float) -> np.ndarray:
+        searches.append(texture)
+        return search(texture, error)
+
+    monkeypatch.setattr(sampling_rules, "_longest_steps", counted)
+    assert (compute_longest_steps([again, first], 2e-4) == steps).all()
+    assert not searches
+    compute_longest_steps([other], 2e-4)
+    assert searches == [other]

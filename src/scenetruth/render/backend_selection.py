@@ -73,11 +73,11 @@ def _pyrender(scene: Scene, world: BuiltScene, wrap: Wrap | None) -> BackendChoi
 
 
 def _raycast(scene: Scene, world: BuiltScene, wrap: Wrap | None, reason: str) -> BackendChoice:
-    from scenetruth.raycast import Topology
+    from scenetruth.raycast import scene_topology
     from scenetruth.render.adaptive_raycast import AdaptiveRenderer
     from scenetruth.render.raycast_backend import BandRenderer, RaycastRenderer
 
-    topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
+    topology = scene_topology(world)
 
     settings = scene.render
     exact = settings.supersampling == "auto" and settings.edges == "sampled"

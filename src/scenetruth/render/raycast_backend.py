@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 
 from scenetruth.bands import BandFraction, as_number
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
-from scenetruth.raycast import Hits, ImageRays, RayCaster, ShadowCaster, TexturedMesh, Topology, mixed_pixels
+from scenetruth.raycast import (
+    Hits,
+    ImageRays,
+    RayCaster,
+    ShadowCaster,
+    TexturedMesh,
+    Topology,
+    mixed_pixels,
+    scene_topology,
+)
 from scenetruth.render.renderer import Renderer
 from scenetruth.render.sampling_rules import Rule, even_rule, gauss_rule, lattice_rule, square_rule
 from scenetruth.render.shading import FaceLight, Shader
@@ -94,7 +103,7 @@ class RaycastRenderer(Renderer):
         self._world = world
         self._camera = camera
         self._background = np.float32(as_number(background))
-        self._topology = topology or Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
+        self._topology = topology or scene_topology(world)
         self._caster: tuple[float, RayCaster] | None = None
         rays = pixel_rays(camera)
         self._directions = rays.directions
