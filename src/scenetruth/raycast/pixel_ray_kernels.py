@@ -240,7 +240,7 @@ def _pixel_hits(
         own[ends[number + 1]] = listed[entry]
     order = np.empty(_SORTED, dtype=np.int32)
     # Ranges of the sorted faces: most rays in a pixel with small faces are outside most of them.
-    ranges = np.empty((_SORTED, RANGES), dtype=np.float64)
+    ranges, nears = np.empty((_SORTED, RANGES), dtype=np.float64), np.empty(_SORTED, dtype=np.float64)
     for number in range(count):
         n, after = firsts[number], firsts[number + 1]
         first, last = ends[number + 1], ends[number + 2] if number + 1 < count else used
@@ -248,11 +248,11 @@ def _pixel_hits(
         if few:
             for k in range(last - first):
                 face = own[first + k]
-                at = k
-                while at > 0 and near[order[at - 1]] > near[face]:
-                    order[at] = order[at - 1]
+                at, distance = k, near[face]
+                while at > 0 and nears[at - 1] > distance:
+                    order[at], nears[at] = order[at - 1], nears[at - 1]
                     at -= 1
-                order[at] = face
+                order[at], nears[at] = face, distance
             for k in range(last - first):
                 for part in range(RANGES):
                     ranges[k, part] = boxes[order[k], part]
@@ -260,19 +260,20 @@ def _pixel_hits(
             dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
             across, down, along = components(dx, dy, dz, frame)
             u, v = across / along, down / along
-            best, nearest = -1, np.inf
+            best, nearest, limit = -1, np.inf, np.inf
             for k in range(last - first):
-                face = order[k] if few else own[first + k]
-                if near[face] > nearest * along * (1.0 + _NEARER):
-                    if few:
+                if few:
+                    if nears[k] > limit:
                         break
-                    continue
-                if few and not (
-                    (ranges[k, LOW_U] <= u)
-                    & (u <= ranges[k, HIGH_U])
-                    & (ranges[k, LOW_V] <= v)
-                    & (v <= ranges[k, HIGH_V])
-                ):
+                    if not (
+                        (ranges[k, LOW_U] <= u)
+                        & (u <= ranges[k, HIGH_U])
+                        & (ranges[k, LOW_V] <= v)
+                        & (v <= ranges[k, HIGH_V])
+                    ):
+                        continue
+                face = order[k] if few else own[first + k]
+                if not few and near[face] > limit:
                     continue
                 form = forms[face]
                 w0, w1, w2 = edge_functions(form, dx, dy, dz)
@@ -281,6 +282,7 @@ def _pixel_hits(
                 depth = depth_on(form, dx, dy, dz)
                 if depth > 0.0 and (depth < nearest or (depth == nearest and face < best)):
                     best, nearest = face, depth
+                    limit = nearest * along * (1.0 + _NEARER)
             face_out[ray], depth_out[ray], weights[ray, 0], weights[ray, 1] = best, np.nan, 0.0, 0.0
             if best >= 0:
                 depth_out[ray] = nearest
