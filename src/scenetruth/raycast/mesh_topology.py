@@ -57,9 +57,10 @@ class Topology:
         owner = np.repeat(np.arange(count, dtype=np.int32), 3)
         # A single key per pair sorts faster than pairs, in the same order.
         keys = half.min(axis=1) * len(first) + half.max(axis=1)
-        pairs, edge_of_half, uses = np.unique(keys, return_inverse=True, return_counts=True)
-        order = np.argsort(edge_of_half, kind="stable")
-        start = np.concatenate([[0], np.cumsum(uses)[:-1]])
+        order = np.argsort(keys, kind="stable")
+        ascending = keys[order]
+        start = np.flatnonzero(np.concatenate([[True], ascending[1:] != ascending[:-1]]))
+        pairs, uses = ascending[start], np.diff(start, append=len(keys))
         one = order[start]
         two = np.where(uses > 1, order[np.minimum(start + 1, len(order) - 1)], -1)
         has_two = two >= 0
