@@ -85,6 +85,32 @@ def test_damaged_entries_are_made_again(folder: Path, damage: str) -> None:
     assert read_entry(key) is not None
 
 
+def test_entries_are_verified_once_and_again_after_a_change(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    key, trusted = entry_key("thing", 2), list[bool]()
+    write_entry(key, VALUES)
+    unpacked = cache._unpacked
+
+    def counted(raw: np.ndarray, *, verified: bool = False) -> cache.Arrays | None:
+        trusted.append(verified)
+        return unpacked(raw, verified=verified)
+
+    monkeypatch.setattr(cache, "_unpacked", counted)
+    for _ in range(3):
+        found = read_entry(key)
+        assert found is not None
+        assert (found["image"] == VALUES["image"]).all()
+    assert trusted == [False, True, True]
+    path = folder / entries(folder)[0]
+    data = bytearray(path.read_bytes())
+    data[-1] ^= 4
+    path.write_bytes(data)
+    assert read_entry(key) is None
+    # Another file with the same name.
+    write_entry(key, VALUES)
+    assert read_entry(key) is not None
+    assert trusted[3:] == [False, False]
+
+
 def test_keys_tell_everything_apart() -> None:
     state = generator_for(1, "texture", "cube").bit_generator.state
     other = generator_for(1, "texture", "box").bit_generator.state

@@ -6,6 +6,7 @@ import os
 import re
 import stat
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
@@ -117,9 +118,15 @@ def collect_input_files(model: BaseModel) -> list[tuple[str, Path]]:
 
 
 def _files_of_model(model: BaseModel, where: str) -> Iterator[tuple[str, Path]]:
-    for name, field in type(model).model_fields.items():
-        marked = _MARK in field.metadata or _is_marked(field.annotation)
+    for name, marked in _marked_fields(type(model)).items():
         yield from _files_in(getattr(model, name), f"{where}{name}", marked)
+
+
+@cache
+def _marked_fields(model: type[BaseModel]) -> dict[str, bool]:
+    """Return the fields of a model, and whether the type of each is, or contains, that of a path."""
+    fields = model.model_fields.items()
+    return {name: _MARK in field.metadata or _is_marked(field.annotation) for name, field in fields}
 
 
 def _files_in(value: Any, where: str, marked: bool) -> Iterator[tuple[str, Path]]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
-from scenetruth.raycast import RayCaster, Topology, mixed_pixels
+from scenetruth.raycast import RayCaster, Topology, mixed_pixels, scene_topology
 from scenetruth.raycast.edge_kernels import contour_edges, face_sides
 from scenetruth.scene.mesh import make_box
 from tests.helpers.faceted_surfaces import ball, relief, scene_of, world_of
@@ -31,6 +31,15 @@ def mixed_of(caster: RayCaster) -> NDArray[np.bool_]:
     hits = caster.cast(np.zeros(3), pixel_rays(CAMERA).directions, CAMERA.width)
     bodies = np.where(hits.face >= 0, 0, -1).astype(np.int32).reshape(CAMERA.height, CAMERA.width)
     return mixed_pixels(caster, Viewpoint.on_axis(0.0), CAMERA, bodies)
+
+
+def test_a_scene_has_one_topology() -> None:
+    scene = scene_of({"texture": {"kind": "uniform"}})
+    world, other = world_of(scene, ball(3, 1)), world_of(scene, ball(4, 1))
+    assert scene_topology(world) is scene_topology(world)
+    for each in (world, other):
+        expected = Topology.of(each.at(0).vertices_mm, each.faces, each.crease_deg)
+        assert all((vars(scene_topology(each))[name] == value).all() for name, value in vars(expected).items())
 
 
 @pytest.mark.parametrize(

@@ -6,13 +6,19 @@ import json
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from unittest.mock import patch
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from scenetruth.camera import Viewpoint
 from scenetruth.errors import BackendUnavailableError
+from scenetruth.raycast import ShadowCaster
 from scenetruth.render import choose_renderer, opengl
+from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
 from tests.helpers.nightly import by_night, nightly
 from tests.helpers.scenes import SCENES, cube
@@ -141,3 +147,37 @@ def test_packages_that_do_not_fit_together_are_no_backend(monkeypatch: pytest.Mo
     choice = choose_renderer(scene, build_scene(scene))
     assert choice.renderer.name == "raycast"
     assert "has no attribute 'infty'" in choice.fallback_reason
+
+
+def test_threads_share_the_surfaces_of_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [90, 90]}, "texture": {"kind": "uniform"}}
+    sheet = {"name": "sheet", "mesh": {"kind": "plane", "size_mm": [20, 20]}, "texture": {"kind": "uniform"}}
+    walls = [wall | {"pose": {"position_mm": [0, 0, 100]}}, sheet | {"pose": {"position_mm": [0, 0, 80]}}]
+    lamp = {"kind": "directional", "direction": [0.4, 0.2, 1], "irradiance": 0.8}
+    scene = Scene.from_dict(
+        {
+            "camera": {"width": 40, "height": 30, "focal_length_px": 60},
+            "stage": {"positions": 3, "baseline_mm": 5},
+            "frames": {"count": 1},
+            "objects": walls,
+            "lighting": {"ambient": 0.1, "lights": [lamp]},
+        }
+    )
+    world, viewpoints = build_scene(scene), [Viewpoint.on_axis(x) for x in (0.0, 5.0, 10.0)]
+    alone = [choose_renderer(scene, world).renderer.render(0.0, each) for each in viewpoints]
+    found: list[object] = []
+    search = ShadowCaster._find_shadows
+
+    def counted(self: ShadowCaster, to_light: NDArray[np.float64]) -> object:
+        found.append(self)
+        return search(self, to_light)
+
+    monkeypatch.setattr(ShadowCaster, "_find_shadows", counted)
+    choice = choose_renderer(scene, world)
+    assert choice.another is not None
+    renderers = [choice.renderer, choice.another(), choice.another()]
+    with ThreadPoolExecutor(3) as pool:
+        together = list(pool.map(lambda pair: pair[0].render(0.0, pair[1]), zip(renderers, viewpoints, strict=True)))
+    assert len(found) == 1
+    for one, other in zip(alone, together, strict=True):
+        np.testing.assert_array_equal(one, other)

@@ -5,16 +5,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from scenetruth.render import sampling_rules
 from scenetruth.render.sampling_rules import (
     FILTER_TAPS,
     GAUSS_ORDERS,
+    WIDE_ORDERS,
     compute_longest_steps,
+    compute_widest_steps,
+    even_rule,
     filter_transfer,
     gauss_rule,
     gauss_transfer,
+    lattice_rule,
+    square_rule,
 )
 from scenetruth.scene.built_scene import build_scene
+from scenetruth.scene.texture import SurfaceTexture
 from scenetruth.validation_studies.rendering_accuracy import noise_plane
+from tests.helpers.nightly import by_night
 
 
 def test_the_filter_has_the_transfer_of_the_mean_over_a_pixel() -> None:
@@ -75,3 +83,53 @@ def test_the_error_at_the_longest_step_is_the_stated_error(number: int) -> None:
     ratio = np.sqrt(np.mean((found - exact) ** 2)) / error
     # The error of the steepest rules grows with the 16th power of the step, whose grid has steps of 4 %.
     assert 0.3 < ratio < 1.3
+
+
+@pytest.mark.parametrize("shortest_mm", [2.0, *by_night(6.0)])
+def test_pixels_with_many_texels_are_within_the_stated_error(shortest_mm: float) -> None:
+    texture = build_scene(noise_plane((shortest_mm, 30.0), (60, 80))).bodies[0].texture
+    error, rng = 1e-4, np.random.default_rng(round(shortest_mm))
+    longest = compute_longest_steps([texture], error)[0, -1]
+    steps = compute_widest_steps(texture, error, longest)
+    assert (np.diff(steps) > 0).all()
+    assert steps[-1] > 1.5 * longest
+    rows, columns = texture.shape
+    for step, order in zip(steps.tolist(), WIDE_ORDERS, strict=True):
+        # Other places, orientations and shapes than those of the search, and samples on an even grid.
+        angle, centre = rng.uniform(0, 2 * np.pi, 60), rng.random((60, 2)) * (columns, rows)
+        along = step * np.column_stack([np.cos(angle), np.sin(angle)])
+        aside = step * rng.uniform(0.3, 1, (60, 1)) * np.column_stack([-np.sin(angle), np.cos(angle)])
+
+        means = []
+        for offsets, weights in (square_rule(*even_rule(80)), square_rule(*gauss_rule(order)), lattice_rule(257)):
+            points = centre[:, None] + offsets[:, :1] * along[:, None] + offsets[:, 1:] * aside[:, None]
+            values = texture.radiance((points / (columns, rows)).reshape(-1, 2))
+            means.append(values.reshape(60, -1).astype(np.float64) @ weights)
+        by_rule, by_lattice = (np.sqrt(np.mean((found - means[0]) ** 2)) for found in means[1:])
+        # A lattice with about as many samples as the last rule has larger errors.
+        assert by_rule < min(error, by_lattice)
+
+
+def test_no_further_rules_without_a_longest_step() -> None:
+    texture = build_scene(noise_plane((6.0, 30.0), (60, 80))).bodies[0].texture
+    for least in (0.0, np.inf):
+        assert not compute_widest_steps(texture, 1e-4 / (1 + least), least).any()
+
+
+def test_scenes_that_are_built_again_need_no_further_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = noise_plane((6.0, 30.0), (60, 80))
+    first, again = (build_scene(scene).bodies[0].texture for _ in range(2))
+    other = build_scene(scene.model_copy(update={"seed": scene.seed + 1})).bodies[0].texture
+    steps = compute_longest_steps([first], 2e-4)
+    searches: list[object] = []
+    search = sampling_rules._longest_steps
+
+    def counted(texture: SurfaceTexture, error: float) -> np.ndarray:
+        searches.append(texture)
+        return search(texture, error)
+
+    monkeypatch.setattr(sampling_rules, "_longest_steps", counted)
+    assert (compute_longest_steps([again, first], 2e-4) == steps).all()
+    assert not searches
+    compute_longest_steps([other], 2e-4)
+    assert searches == [other]

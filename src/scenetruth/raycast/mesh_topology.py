@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ImageRays", "TexturedMesh", "Topology"]
+__all__ = ["ImageRays", "TexturedMesh", "Topology", "scene_topology"]
 
 
 CREASE_DEG = 1.0
@@ -56,9 +57,10 @@ class Topology:
         owner = np.repeat(np.arange(count, dtype=np.int32), 3)
         # A single key per pair sorts faster than pairs, in the same order.
         keys = half.min(axis=1) * len(first) + half.max(axis=1)
-        pairs, edge_of_half, uses = np.unique(keys, return_inverse=True, return_counts=True)
-        order = np.argsort(edge_of_half, kind="stable")
-        start = np.concatenate([[0], np.cumsum(uses)[:-1]])
+        order = np.argsort(keys, kind="stable")
+        ascending = keys[order]
+        start = np.flatnonzero(np.concatenate([[True], ascending[1:] != ascending[:-1]]))
+        pairs, uses = ascending[start], np.diff(start, append=len(keys))
         one = order[start]
         two = np.where(uses > 1, order[np.minimum(start + 1, len(order) - 1)], -1)
         has_two = two >= 0
@@ -79,6 +81,27 @@ class Topology:
             face_neighbours=neighbours.reshape(count, 3),
             edge_crease_cosine=np.where(crease > 0, np.cos(np.deg2rad(crease)), 2.0),
         )
+
+
+class _World(Protocol):
+    """Scene with its faces and their crease angles, and the positions of its vertices at a time."""
+
+    @property
+    def faces(self) -> NDArray[np.int32]: ...
+    @property
+    def crease_deg(self) -> NDArray[np.float64]: ...
+    def at(self, t: float, /) -> Any: ...
+
+
+_known: WeakKeyDictionary[_World, Topology] = WeakKeyDictionary()
+
+
+def scene_topology(world: _World) -> Topology:
+    """Return the topology of a scene, which images and truth have in common."""
+    found = _known.get(world)
+    if found is None:
+        found = _known[world] = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
+    return found
 
 
 def _weld(vertices: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -18,6 +18,7 @@ from scenetruth.raycast.ray_triangle_kernels import (
     LOW_U,
     LOW_V,
     PLANE_MARGIN,
+    RANGES,
     W0_X,
     W1_X,
     W2_X,
@@ -35,7 +36,7 @@ __all__ = ["RayGrid", "pixel_hits", "sample_directions"]
 _MARGIN = 1e-5  # deviation of rays from their pixel, in steps of the grid
 _NEARER = 1e-9  # relative margin of depths for rounding
 _MANY_RAYS = 4  # minimum number of rays in a pixel for which its faces are sorted by depth
-_SORTED = 48  # maximum number of faces in a pixel that are sorted by depth
+_SORTED = 256  # maximum number of faces in a pixel that are sorted by depth
 _LEAST_CAST = 2048  # minimum number of rays per thread
 _BLOCK = 4  # pixels along a side of the blocks in which pixels with rays are marked
 _FACES_PER_PIXEL = 12  # space for the faces of a pixel, enlarged if necessary
@@ -238,6 +239,8 @@ def _pixel_hits(
         ends[number + 1] -= 1
         own[ends[number + 1]] = listed[entry]
     order = np.empty(_SORTED, dtype=np.int32)
+    # Ranges of the sorted faces: most rays in a pixel with small faces are outside most of them.
+    ranges, nears = np.empty((_SORTED, RANGES), dtype=np.float64), np.empty(_SORTED, dtype=np.float64)
     for number in range(count):
         n, after = firsts[number], firsts[number + 1]
         first, last = ends[number + 1], ends[number + 2] if number + 1 < count else used
@@ -245,20 +248,32 @@ def _pixel_hits(
         if few:
             for k in range(last - first):
                 face = own[first + k]
-                at = k
-                while at > 0 and near[order[at - 1]] > near[face]:
-                    order[at] = order[at - 1]
+                at, distance = k, near[face]
+                while at > 0 and nears[at - 1] > distance:
+                    order[at], nears[at] = order[at - 1], nears[at - 1]
                     at -= 1
-                order[at] = face
+                order[at], nears[at] = face, distance
+            for k in range(last - first):
+                for part in range(RANGES):
+                    ranges[k, part] = boxes[order[k], part]
         for ray in range(n, after):
             dx, dy, dz = directions[ray, 0], directions[ray, 1], directions[ray, 2]
-            _, _, along = components(dx, dy, dz, frame)
-            best, nearest = -1, np.inf
+            across, down, along = components(dx, dy, dz, frame)
+            u, v = across / along, down / along
+            best, nearest, limit = -1, np.inf, np.inf
             for k in range(last - first):
-                face = order[k] if few else own[first + k]
-                if near[face] > nearest * along * (1.0 + _NEARER):
-                    if few:
+                if few:
+                    if nears[k] > limit:
                         break
+                    if not (
+                        (ranges[k, LOW_U] <= u)
+                        & (u <= ranges[k, HIGH_U])
+                        & (ranges[k, LOW_V] <= v)
+                        & (v <= ranges[k, HIGH_V])
+                    ):
+                        continue
+                face = order[k] if few else own[first + k]
+                if not few and near[face] > limit:
                     continue
                 form = forms[face]
                 w0, w1, w2 = edge_functions(form, dx, dy, dz)
@@ -267,6 +282,7 @@ def _pixel_hits(
                 depth = depth_on(form, dx, dy, dz)
                 if depth > 0.0 and (depth < nearest or (depth == nearest and face < best)):
                     best, nearest = face, depth
+                    limit = nearest * along * (1.0 + _NEARER)
             face_out[ray], depth_out[ray], weights[ray, 0], weights[ray, 1] = best, np.nan, 0.0, 0.0
             if best >= 0:
                 depth_out[ray] = nearest

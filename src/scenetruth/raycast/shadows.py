@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from threading import RLock
 from typing import Any
 
 import numpy as np
@@ -52,6 +53,8 @@ class ShadowCaster:
         self._longest = 1.01 * float(np.linalg.norm(self.vertices_mm.max(axis=0) - self.vertices_mm.min(axis=0)))
         self._in_light: dict[bytes, Any] = {}
         self._on_faces: dict[bytes, FaceShadows] = {}
+        # The cameras of a time, which several threads render, have these in common.
+        self._alone = RLock()
 
     @cached_property
     def _embree(self) -> EmbreeMesh:
@@ -101,9 +104,10 @@ class ShadowCaster:
         face intersects it. Faces without such a line are entirely in the light or in shadow, as their centre is.
         """
         key = to_light.tobytes()
-        if key not in self._on_faces:
-            self._on_faces[key] = self._find_shadows(to_light)
-        return self._on_faces[key]
+        with self._alone:
+            if key not in self._on_faces:
+                self._on_faces[key] = self._find_shadows(to_light)
+            return self._on_faces[key]
 
     def _find_shadows(self, to_light: NDArray[np.float64]) -> FaceShadows:
         from scenetruth.raycast.shadow_border_kernels import cast_edges, cross_faces
@@ -175,29 +179,32 @@ class ShadowCaster:
 
     def _faces_in_light(self, to_light: NDArray[np.float64]) -> Any:
         """Return the faces in light coordinates, cached for the lights of this time."""
+        key = to_light.tobytes()
+        with self._alone:
+            if key not in self._in_light:
+                self._in_light[key] = self._flatten(to_light)
+            return self._in_light[key]
+
+    def _flatten(self, to_light: NDArray[np.float64]) -> Any:
+        """Return the faces in light coordinates."""
         from scenetruth.raycast.shadow_kernels import FacesInLight, flatten_faces, sort_faces
 
-        key = to_light.tobytes()
-        if key not in self._in_light:
-            along = -to_light / np.linalg.norm(to_light)
-            across = np.cross(along, np.eye(3)[np.abs(along).argmin()])
-            across /= np.linalg.norm(across)
-            frame = np.stack([across, np.cross(along, across), along])
-            size = float(np.abs(self.vertices_mm - self._centre).max()) + self._longest
-            tolerance = _ROUNDINGS * float(np.finfo(np.float32).eps) * size
-            numbers, boxes = flatten_faces(self.vertices_mm, self.topology.faces, frame, tolerance)
-            # All points lie on the mesh, so the cells cover its extent.
-            across_light = self.vertices_mm @ frame[:2].T
-            low = across_light.min(axis=0) - tolerance
-            extent = across_light.max(axis=0) + tolerance - low
-            cells = min(_CELLS_PER_FACE * len(boxes), _MOST_CELLS)
-            edge = max(float(np.sqrt(extent[0] * extent[1] / cells)), float(extent.max()) / cells)
-            columns, rows = (int(length / edge) + 1 for length in extent.tolist())
-            starts, listed, large = sort_faces(numbers, boxes, low, 1 / edge, columns, rows, tolerance)
-            self._in_light[key] = FacesInLight(
-                frame, numbers, low, 1 / edge, columns, rows, starts, listed, large, tolerance
-            )
-        return self._in_light[key]
+        along = -to_light / np.linalg.norm(to_light)
+        across = np.cross(along, np.eye(3)[np.abs(along).argmin()])
+        across /= np.linalg.norm(across)
+        frame = np.stack([across, np.cross(along, across), along])
+        size = float(np.abs(self.vertices_mm - self._centre).max()) + self._longest
+        tolerance = _ROUNDINGS * float(np.finfo(np.float32).eps) * size
+        numbers, boxes = flatten_faces(self.vertices_mm, self.topology.faces, frame, tolerance)
+        # All points lie on the mesh, so the cells cover its extent.
+        across_light = self.vertices_mm @ frame[:2].T
+        low = across_light.min(axis=0) - tolerance
+        extent = across_light.max(axis=0) + tolerance - low
+        cells = min(_CELLS_PER_FACE * len(boxes), _MOST_CELLS)
+        edge = max(float(np.sqrt(extent[0] * extent[1] / cells)), float(extent.max()) / cells)
+        columns, rows = (int(length / edge) + 1 for length in extent.tolist())
+        starts, listed, large = sort_faces(numbers, boxes, low, 1 / edge, columns, rows, tolerance)
+        return FacesInLight(frame, numbers, low, 1 / edge, columns, rows, starts, listed, large, tolerance)
 
     def blocked(
         self,

@@ -11,18 +11,29 @@ from numpy.typing import NDArray
 from scenetruth.camera import Viewpoint
 from scenetruth.raycast import Changes, ImageRays, MixedPixels, RayCaster, SurfaceLines, TexturedMesh, find_mixed_pixels
 from scenetruth.render.footprint_averages import ImageCanvas
-from scenetruth.render.footprint_rules import BLOCK, FINE, bend_errors, block_bends, gauss_tables
+from scenetruth.render.footprint_rules import (
+    BLOCK,
+    FINE,
+    UNCUT,
+    WIDE,
+    bend_errors,
+    block_bends,
+    cell_orders,
+    gauss_tables,
+)
 from scenetruth.render.raycast_backend import RayView, RepeatingRayCaster, visible_uv
-from scenetruth.render.sampling_rules import FILTER_TAPS, lattice_rule
+from scenetruth.render.sampling_rules import FILTER_TAPS, WIDE_ORDERS, compute_widest_steps, lattice_rule
 from scenetruth.render.stepped_light import SteppedLightRenderer, errors_above, face_steps
-from scenetruth.scene.texture import TintedTexture
+from scenetruth.scene.texture import SurfaceTexture, TintedTexture
 
 __all__ = ["AdaptiveRenderer"]
 
 _CROWDED = 521  # samples of the lattice for mixed pixels that are not cut along their edges
 _PIXELS_PER_PIECE = 1 << 16
 _CUT_ERROR = 0.05  # RMS error of the area on one side of a line across a pixel that is cut along others
+_AREA_ERROR = 0.25  # the same by n x n Gauss points, times n^1.4, as `stepped_light` states it for n = 2 to 8
 _EDGES_CUT = 3  # edges between facets in a mixed pixel, on average
+_LEAST_ORDER = 2  # Gauss points per pixel along each axis in mixed pixels
 _FINE_ORDER = 16  # Gauss points per pixel along each axis across shadows in mixed pixels
 
 
@@ -139,14 +150,19 @@ class AdaptiveRenderer(SteppedLightRenderer):
         """Change the rules for textures without an end of their spectrum, by the bends of the texture in each pixel."""
         from scenetruth.render.pixel_filter_kernels import NO_RULE, texture_ranges
 
-        np.putmask(rules, (rules == FINE), FINE + 1)
+        fine = rules == FINE
+        np.putmask(rules, fine, FINE + 1)
         for index, item in enumerate(self._world.bodies):
+            tinted = item.texture if isinstance(item.texture, TintedTexture) else TintedTexture(item.texture, 1.0)
+            factor = max(tinted.factor, 1.0)
             if item.texture.cubic:
+                every = np.flatnonzero((body == index) & fine & (steps < np.inf))
+                if len(every):
+                    self._choose_wide(rules, steps, every, tinted.untinted, factor, float(self._longest[index, -1]))
                 continue
             every = np.flatnonzero((body == index) & (rules != NO_RULE))
-            tinted = item.texture if isinstance(item.texture, TintedTexture) else TintedTexture(item.texture, 1.0)
             bends = block_bends(tinted.untinted)
-            straight, factor = np.zeros_like(bends), max(tinted.factor, 1.0)
+            straight = np.zeros_like(bends)
             for first in range(0, len(every), _PIXELS_PER_PIECE):
                 pixels = every[first : first + _PIXELS_PER_PIECE]
                 uv, step = place[pixels], steps[pixels].astype(np.float64)
@@ -160,6 +176,15 @@ class AdaptiveRenderer(SteppedLightRenderer):
                 for rule, error in reversed(bend_errors()):
                     chosen[bend * error <= self._image_error] = rule
                 rules[pixels] = chosen
+
+    def _choose_wide(
+        self, rules: NDArray[np.uint8], steps: NDArray[np.float32], pixels: NDArray[np.int64], texture: SurfaceTexture,
+        factor: float, least: float,
+    ) -> None:  # fmt: skip
+        """Change the rules of pixels with many texels of a texture."""
+        limits = compute_widest_steps(texture, self._image_error / factor, least)
+        for number, limit in reversed(list(enumerate(limits.tolist(), start=WIDE))):
+            rules[pixels[steps[pixels] <= limit]] = number
 
     def _kinks(self, view: RayView) -> NDArray[np.bool_]:
         """Return the pixels next to another face of a surface that is shaded flat, unless both are parallel."""
@@ -188,14 +213,13 @@ class AdaptiveRenderer(SteppedLightRenderer):
         order = np.argsort(owners, kind="stable")
         owners, ends = owners[order], np.concatenate([edges.ends[used], ends])[order]
         counts = np.bincount(owners, minlength=size)
-        largest = self._largest_rules(rules).ravel()
-        uncut = (counts > MOST_EDGES) | (edges.bare.ravel() & (counts == 0)) | (largest >= FINE)
+        largest = self._largest_orders(rules).ravel()
+        uncut = (counts > MOST_EDGES) | (edges.bare.ravel() & (counts == 0)) | (largest == UNCUT)
         canvas.trace_later(np.flatnonzero(edges.mixed.ravel() & uncut), lattice_rule(_CROWDED))
         pixels, ends = np.flatnonzero(edges.mixed.ravel() & ~uncut), ends[~uncut[owners]]
         starts = np.concatenate([[0], np.cumsum(counts[pixels])])
-        # Gauss points per pixel: one less per axis than inside surfaces, because cells are smaller than pixels.
-        orders = np.array([2, 2, 2, 3, 4, 4])[largest[pixels]]
-        firsts, offsets, weights = cut_pixels(ends, starts, orders, *gauss_tables())
+        orders = np.maximum(largest[pixels], _LEAST_ORDER).astype(np.int64)
+        firsts, offsets, weights = cut_pixels(ends, starts, orders, *gauss_tables(_FINE_ORDER))
         canvas.samples.append((pixels, np.diff(firsts), offsets, weights))
         return _Cut(pixels, starts, ends, orders)
 
@@ -215,6 +239,8 @@ class AdaptiveRenderer(SteppedLightRenderer):
         from scenetruth.raycast.edge_cell_kernels import MOST_CUTS, cut_pixels
 
         error, count, faces = self._image_error, len(cut.pixels), len(view.mesh.faces)
+        # Pixels with many texels have enough samples for areas without cuts.
+        areas = np.where(cut.orders >= WIDE_ORDERS[0], _AREA_ERROR * cut.orders.astype(np.float64) ** -1.4, _CUT_ERROR)
         surface, bent = int(np.count_nonzero(view.body >= 0)), self._kinked(view.caster)
         number = np.full(len(canvas.image), -1, dtype=np.int64)
         number[cut.pixels] = np.arange(count)
@@ -226,7 +252,7 @@ class AdaptiveRenderer(SteppedLightRenderer):
             inner = owner >= 0
             many = np.maximum(np.bincount(owner[inner], minlength=count), 1)
             squares = _EDGES_CUT * np.bincount(owner[inner], steps[face[inner]], minlength=count) / many
-            again = np.flatnonzero(errors_above(_CUT_ERROR**2 * squares, error, surface))
+            again = np.flatnonzero(errors_above(areas**2 * squares, error, surface))
             wanted = np.zeros(count, dtype=np.bool_)
             wanted[again] = True
             chosen = np.flatnonzero(inner & wanted[owner])
@@ -243,11 +269,11 @@ class AdaptiveRenderer(SteppedLightRenderer):
             seen = np.bincount(face, minlength=faces)
             own = np.bincount(face, (lowest + highest) / 2, minlength=faces) / np.where(bent & (seen > 0), seen, np.nan)
             around = np.bincount(owner, face_steps(own[:, None], self._facets(view.caster)[1])[face], minlength=count)
-            again = np.flatnonzero(errors_above(_CUT_ERROR**2 * (within + around), error, surface))
+            again = np.flatnonzero(errors_above(areas**2 * (within + around), error, surface))
         if not len(again):
             return
         orders = cut.orders.copy()
-        orders[_CUT_ERROR * np.sqrt(within) > error] = _FINE_ORDER
+        orders[areas * np.sqrt(within) > error] = _FINE_ORDER
         place = np.full(count, -1, dtype=np.int64)
         place[again] = np.arange(len(again))
         facets = (place[owner] >= 0) & bent[face]
@@ -331,10 +357,8 @@ class AdaptiveRenderer(SteppedLightRenderer):
         along = 2 / np.sqrt(squared)[:, None] * np.column_stack([-below, right])
         return pixels, np.hstack([middle - along, middle + along])
 
-    def _largest_rules(self, rules: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return the finest rule of every pixel and its neighbours."""
-        from scenetruth.render.pixel_filter_kernels import NO_RULE
-
-        padded = np.pad(np.where(rules == NO_RULE, 0, rules), 1).astype(np.uint8)
+    def _largest_orders(self, rules: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return the highest order of cells of every pixel and its neighbours."""
+        padded = np.pad(cell_orders()[rules], 1)
         rows = np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:])
         return np.asarray(np.maximum(np.maximum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:]))

@@ -73,11 +73,12 @@ def _pyrender(scene: Scene, world: BuiltScene, wrap: Wrap | None) -> BackendChoi
 
 
 def _raycast(scene: Scene, world: BuiltScene, wrap: Wrap | None, reason: str) -> BackendChoice:
-    from scenetruth.raycast import Topology
+    from scenetruth.raycast import scene_topology
     from scenetruth.render.adaptive_raycast import AdaptiveRenderer
-    from scenetruth.render.raycast_backend import BandRenderer, RaycastRenderer
+    from scenetruth.render.raycast_backend import BandRenderer, RaycastRenderer, SharedSurfaces
 
-    topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
+    topology = scene_topology(world)
+    surfaces = SharedSurfaces(world, topology)
 
     settings = scene.render
     exact = settings.supersampling == "auto" and settings.edges == "sampled"
@@ -86,9 +87,13 @@ def _raycast(scene: Scene, world: BuiltScene, wrap: Wrap | None, reason: str) ->
         background, lighting = grey.background, grey.lighting
         if exact:
             error = settings.image_error
-            return AdaptiveRenderer(painted, camera, background, lighting, topology, image_error=error)
+            return AdaptiveRenderer(
+                painted, camera, background, lighting, topology, image_error=error, surfaces=surfaces
+            )
         adaptive = settings.edges == "adaptive"
-        return RaycastRenderer(painted, camera, background, supersampling, lighting, topology, adaptive=adaptive)
+        return RaycastRenderer(
+            painted, camera, background, supersampling, lighting, topology, adaptive=adaptive, surfaces=surfaces
+        )
 
     bands = list(zip(scene.band_scenes(), world.bands or (world,), strict=True))
 

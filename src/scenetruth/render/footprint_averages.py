@@ -12,7 +12,7 @@ from scenetruth.bands import BandFraction
 from scenetruth.camera import Camera
 from scenetruth.raycast import RayCaster, Topology
 from scenetruth.render.footprint_rules import all_rules, raster_of, rule_table
-from scenetruth.render.raycast_backend import RaycastRenderer, RayView
+from scenetruth.render.raycast_backend import RaycastRenderer, RayView, SharedSurfaces
 from scenetruth.render.sampling_rules import Rule, compute_longest_steps, gauss_rule, square_rule
 from scenetruth.render.shading import PixelLight
 from scenetruth.scene.built_scene import BuiltScene, SceneBody
@@ -93,8 +93,9 @@ class FootprintRenderer(RaycastRenderer):
         topology: Topology | None = None,
         *,
         image_error: float = 1e-4,
+        surfaces: SharedSurfaces | None = None,
     ) -> None:
-        super().__init__(world, camera, background, _ORDER, lighting, topology)
+        super().__init__(world, camera, background, _ORDER, lighting, topology, surfaces=surfaces)
         self._image_error = image_error
         self._longest = compute_longest_steps([body.texture for body in world.bodies], image_error)
         shapes = np.array([body.texture.shape for body in world.bodies], dtype=np.float64)

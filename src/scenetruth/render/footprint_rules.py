@@ -9,20 +9,31 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.render.sampling_rules import GAUSS_ORDERS, Rule, even_rule, gauss_rule, lattice_rule, square_rule
+from scenetruth.render.sampling_rules import (
+    GAUSS_ORDERS,
+    WIDE_ORDERS,
+    Rule,
+    even_rule,
+    gauss_rule,
+    lattice_rule,
+    square_rule,
+)
 from scenetruth.scene.texture import Picture, SurfaceTexture, TintedTexture
 
 if TYPE_CHECKING:
     from scenetruth.render.footprint_kernels import Raster
 
 __all__ = [
-    "BLOCK", "FINE", "all_rules", "bend_errors", "block_bends", "gauss_tables", "raster_of", "rule_table",
+    "BLOCK", "FINE", "UNCUT", "WIDE", "all_rules", "bend_errors", "block_bends", "cell_orders", "gauss_tables",
+    "raster_of", "rule_table",
 ]  # fmt: skip
 
 _LATTICES = (67, 257, 1021)  # samples of the lattices for textures with steps
 _SQUARES = (16, 32)  # orders of the equally spaced rules for bilinear textures
 FINE = 1 + len(GAUSS_ORDERS)
 """Index of the first lattice among the rules; the first rule is the filter."""
+WIDE = FINE + len(_LATTICES) + len(_SQUARES)
+"""Index of the first of the Gauss rules for pixels with many texels."""
 BLOCK = 8
 """Texels along a side of the blocks whose bends are kept."""
 _BAND = 64 * BLOCK  # rows of a texture whose bends are computed together
@@ -32,7 +43,8 @@ _BAND = 64 * BLOCK  # rows of a texture whose bends are computed together
 def all_rules() -> list[Rule]:
     """Return the rules from the first Gauss rule on."""
     gauss = [square_rule(*gauss_rule(order)) for order in GAUSS_ORDERS]
-    return [*gauss, *map(lattice_rule, _LATTICES), *(square_rule(*even_rule(order)) for order in _SQUARES)]
+    wide = [square_rule(*gauss_rule(order)) for order in WIDE_ORDERS]
+    return [*gauss, *map(lattice_rule, _LATTICES), *(square_rule(*even_rule(order)) for order in _SQUARES), *wide]
 
 
 @lru_cache(maxsize=1)
@@ -50,6 +62,25 @@ def bend_errors() -> list[tuple[int, float]]:
         (number, float(np.sqrt(np.mean((np.maximum(nodes - bends[:, None], 0) @ weights - exact) ** 2))))
         for number, (nodes, weights) in zip(numbers, ramps, strict=True)
     ]
+
+
+UNCUT = 255
+"""Order of cells in mixed pixels whose textures have steps, or waves too short for any."""
+
+
+@lru_cache(maxsize=1)
+def cell_orders() -> NDArray[np.uint8]:
+    """Return the order of the Gauss points in the cells of mixed pixels for every rule around, shape (256,).
+
+    The first orders are one less per axis than inside surfaces, because cells are smaller than pixels. Those of pixels
+    with many texels are higher, because small numbers of points resolve fewer waves per point.
+    """
+    orders = np.full(256, UNCUT, dtype=np.uint8)
+    orders[:FINE] = 2, 2, 2, 3, 4, 4
+    orders[WIDE : WIDE + len(WIDE_ORDERS)] = np.minimum(np.array(WIDE_ORDERS) + 2, WIDE_ORDERS[-1])
+    # Pixels without a surface, and mixed pixels.
+    orders[255] = 0
+    return orders
 
 
 @lru_cache(maxsize=1)

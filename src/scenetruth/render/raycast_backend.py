@@ -5,14 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from threading import Lock
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.bands import BandFraction, as_number
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
-from scenetruth.raycast import Hits, ImageRays, RayCaster, ShadowCaster, TexturedMesh, Topology, mixed_pixels
+from scenetruth.raycast import (
+    Hits,
+    ImageRays,
+    RayCaster,
+    ShadowCaster,
+    TexturedMesh,
+    Topology,
+    mixed_pixels,
+    scene_topology,
+)
 from scenetruth.render.renderer import Renderer
 from scenetruth.render.sampling_rules import Rule, even_rule, gauss_rule, lattice_rule, square_rule
 from scenetruth.render.shading import FaceLight, Shader
@@ -20,8 +31,8 @@ from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lighting
 
 __all__ = [
-    "BandRenderer", "RayView", "RaycastRenderer", "RepeatingRayCaster", "even_rule", "gauss_rule", "lattice_rule",
-    "visible_uv",
+    "BandRenderer", "RayView", "RaycastRenderer", "RepeatingRayCaster", "SharedSurfaces", "even_rule", "gauss_rule",
+    "lattice_rule", "visible_uv",
 ]  # fmt: skip
 
 
@@ -68,6 +79,23 @@ class RayView:
         return (self.rays.directions[pixels][:, None] + offsets).reshape(-1, 3)
 
 
+class SharedSurfaces:
+    """Surfaces of a scene at the times that renderers are working on, with their shadows, for all of them together."""
+
+    def __init__(self, world: BuiltScene, topology: Topology) -> None:
+        self._world, self._topology = world, topology
+        self._known: WeakValueDictionary[float, ShadowCaster] = WeakValueDictionary()
+        self._alone = Lock()
+
+    def shadows_at(self, t: float) -> ShadowCaster:
+        """Return the shadows of a time, with its vertices."""
+        with self._alone:
+            found = self._known.get(t)
+            if found is None:
+                found = self._known[t] = ShadowCaster(self._world.at(t).vertices_mm, self._topology)
+            return found
+
+
 class RaycastRenderer(Renderer):
     """Renderer based on ray casting, without system libraries.
 
@@ -89,12 +117,14 @@ class RaycastRenderer(Renderer):
         topology: Topology | None = None,
         *,
         adaptive: bool = False,
+        surfaces: SharedSurfaces | None = None,
     ) -> None:
         self.name = "raycast"
         self._world = world
         self._camera = camera
         self._background = np.float32(as_number(background))
-        self._topology = topology or Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
+        self._topology = topology or scene_topology(world)
+        self._surfaces = surfaces or SharedSurfaces(world, self._topology)
         self._caster: tuple[float, RayCaster] | None = None
         rays = pixel_rays(camera)
         self._directions = rays.directions
@@ -265,7 +295,10 @@ class RaycastRenderer(Renderer):
 
     def _caster_at(self, t: float) -> RayCaster:
         if self._caster is None or self._caster[0] != t:
-            self._caster = (t, RayCaster(self._world.at(t).vertices_mm, self._topology))
+            shadows = self._surfaces.shadows_at(t)
+            self._caster = (t, RayCaster(shadows.vertices_mm, self._topology))
+            if self._shader is not None:
+                self._shader.use_shadows(shadows)
         return self._caster[1]
 
     def repeating_caster_at(self, t: float) -> RepeatingRayCaster:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+from collections import OrderedDict
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -16,8 +19,10 @@ from scenetruth.threads import with_one_blas_thread
 __all__ = [
     "FILTER_TAPS",
     "GAUSS_ORDERS",
+    "WIDE_ORDERS",
     "Rule",
     "compute_longest_steps",
+    "compute_widest_steps",
     "even_rule",
     "filter_transfer",
     "gauss_rule",
@@ -105,6 +110,10 @@ GAUSS_ORDERS = (2, 3, 4, 6, 8)
 """Orders n of the rules of n x n Gauss points, from the cheapest."""
 
 
+WIDE_ORDERS = (8, 12, 16)
+"""Orders of further Gauss rules, for pixels that contain many texels."""
+
+
 def filter_transfer(frequency: Floats) -> Floats:
     """Return the transfer of the filter for waves of a frequency in cycles per pixel, with their aliases."""
     return np.asarray(FILTER_TAPS @ np.cos(2 * np.pi * np.multiply.outer(np.arange(-3, 4), frequency)).reshape(7, -1))
@@ -132,7 +141,31 @@ def _squared_errors() -> Floats:
     return np.stack([(transfer.reshape(waves.shape) - exact) ** 2 for transfer in flat])
 
 
-_found: WeakKeyDictionary[SurfaceTexture, dict[float, Floats]] = WeakKeyDictionary()
+_Steps = dict[float, Floats]  # steps of a texture by error
+_THIN = 4999  # one texel of as many distinguishes textures
+_MOST_KNOWN = 256  # textures whose steps are kept after the last use
+_by_content: OrderedDict[tuple[Any, ...], tuple[_Steps, _Steps]] = OrderedDict()
+_by_texture: WeakKeyDictionary[SurfaceTexture, tuple[_Steps, _Steps]] = WeakKeyDictionary()
+
+
+def _steps_of(texture: SurfaceTexture) -> tuple[_Steps, _Steps]:
+    """Return the steps determined so far, of `compute_longest_steps` and of `compute_widest_steps`.
+
+    Textures of the same scene, which is often built again, have them in common: those with the same size, parameters
+    and thousands of equal texels, on which no step depends.
+    """
+    known = _by_texture.get(texture)
+    if known is None:
+        values = getattr(texture, "coefficients", None)
+        known = {}, {}
+        if values is not None and values.size > _THIN:
+            thinned = hashlib.sha256(values.ravel()[::_THIN].tobytes()).digest()
+            rest = [(name, value) for name, value in vars(texture).items() if not isinstance(value, np.ndarray)]
+            known = _by_content.setdefault((type(texture), values.shape, thinned, *rest), known)
+            while len(_by_content) > _MOST_KNOWN:
+                _by_content.popitem(last=False)
+        _by_texture[texture] = known
+    return known
 
 
 def compute_longest_steps(textures: Sequence[SurfaceTexture], error: float) -> Floats:
@@ -151,17 +184,17 @@ def compute_longest_steps(textures: Sequence[SurfaceTexture], error: float) -> F
         (item.untinted, error / max(item.factor, 1.0)) if isinstance(item, TintedTexture) else (item, error)
         for item in textures
     ]
-    missing = [(item, bound) for item, bound in wanted if bound not in _found.get(item, {})]
+    missing = [(item, bound) for item, bound in wanted if bound not in _steps_of(item)[0]]
     if missing:
         _remember(missing)
-    return np.stack([_found[item][bound] for item, bound in wanted])
+    return np.stack([_steps_of(item)[0][bound] for item, bound in wanted])
 
 
 @with_one_blas_thread
 def _remember(missing: Sequence[tuple[SurfaceTexture, float]]) -> None:
     """Find the longest steps of textures for errors; together, because the limit of threads takes some ms."""
     for item, error in missing:
-        _found.setdefault(item, {})[error] = _longest_steps(item, error)
+        _steps_of(item)[0][error] = _longest_steps(item, error)
 
 
 def _longest_steps(texture: SurfaceTexture, error: float) -> Floats:
@@ -194,3 +227,59 @@ def _longest_steps(texture: SurfaceTexture, error: float) -> Floats:
         longest.append(np.inf if not len(beyond) else 0.0 if beyond[0] == 0 else float(_STEPS[beyond[0] - 1]))
     longest[1:] = np.maximum.accumulate(longest[1:]).tolist()
     return np.array(longest)
+
+
+_FOOTPRINTS = 24  # footprints on which rules are compared, of each shape
+_SHAPES = (1.0, 4.0)  # their ratios of length and width
+_REFERENCE = 20  # order of the rule with which the others are compared
+_TRIED = 2.0 ** (np.arange(10) / 3)  # steps that are tried, relative to the first
+_SAFETY = 1.5  # factor of the error, because the footprints are few
+
+
+def compute_widest_steps(texture: SurfaceTexture, error: float, least: float) -> Floats:
+    """Return the longest steps of a texture, in texels, for which the rules of `WIDE_ORDERS` are within an RMS error.
+
+    Means over footprints of several shapes and all orientations are compared with those by a finer rule. The lines of
+    `compute_longest_steps` would require more points, because they disregard the mean along the other axis of a pixel.
+
+    ``least``: Step from which these rules are wanted.
+    """
+    known = _steps_of(texture)[1]
+    if error not in known:
+        known[error] = _widest_steps(texture, error / _SAFETY, least)
+    return known[error]
+
+
+def _widest_steps(texture: SurfaceTexture, error: float, least: float) -> Floats:
+    found, within = np.zeros(len(WIDE_ORDERS)), np.ones(len(WIDE_ORDERS), dtype=np.bool_)
+    for step in least * _TRIED if 0 < least < np.inf else ():
+        within &= _rule_differences(texture, float(step)) <= error
+        found[within] = step
+        if not within[-1]:
+            break
+    return found
+
+
+@lru_cache(maxsize=1)
+def _compared_rules() -> list[Rule]:
+    return [square_rule(*gauss_rule(order)) for order in (*WIDE_ORDERS, _REFERENCE)]
+
+
+def _rule_differences(texture: SurfaceTexture, step: float) -> Floats:
+    """Return the RMS errors of the rules of `WIDE_ORDERS` over footprints of a length, for their worst shape."""
+    size = np.array(texture.shape[::-1])
+    number = np.arange(_FOOTPRINTS) + 0.5
+    centres = np.column_stack([number / _FOOTPRINTS, (number * _GOLDEN) % 1.0])
+    angle = 2 * np.pi * ((number * _GOLDEN**2) % 1.0)
+    along = step * np.column_stack([np.cos(angle), np.sin(angle)])
+    aside = step * np.column_stack([-np.sin(angle), np.cos(angle)])
+    rules = _compared_rules()
+    offsets, errors = np.concatenate([offsets for offsets, _ in rules]), []
+    ends = np.cumsum([len(weights) for _, weights in rules])
+    for shape in _SHAPES:
+        points = offsets @ (np.stack([along, aside / shape], axis=1) / size) + centres[:, None]
+        values = texture.radiance(points.reshape(-1, 2)).astype(np.float64).reshape(_FOOTPRINTS, -1)
+        parts = np.split(values, ends[:-1], axis=1)
+        means = [part @ weights for part, (_, weights) in zip(parts, rules, strict=True)]
+        errors.append([np.sqrt(np.mean((mean - means[-1]) ** 2)) for mean in means[:-1]])
+    return np.asarray(np.max(errors, axis=0))

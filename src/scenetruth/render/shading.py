@@ -471,6 +471,10 @@ class Shader:
             self._lamps = (t, self._lighting.lamps_at(t))
         return self._lamps[1]
 
+    def use_shadows(self, shadows: ShadowCaster) -> None:
+        """Use the shadows of a time that several renderers have in common, for ray casters of its vertices."""
+        self._shadows = shadows
+
     def _shadow_caster(self, caster: RayCaster) -> ShadowCaster:
         common: ShadowCaster | None = getattr(caster, "shadows", None)
         if common is not None:

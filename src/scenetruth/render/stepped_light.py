@@ -67,6 +67,8 @@ def _with_face(states: NDArray[np.uint64], face: NDArray[np.int32]) -> NDArray[n
 class SteppedLightRenderer(FootprintRenderer):
     """Renderer that resolves steps of the light in pixels on one surface."""
 
+    _steps: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+
     def _average(
         self,
         view: RayView,
@@ -144,6 +146,13 @@ class SteppedLightRenderer(FootprintRenderer):
 
     def _lamp_steps(self, view: RayView, by_lamp: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the steps of the radiance between facets, see `face_steps`; shadows begin along other lines."""
+        # Twice for an image.
+        if self._steps is None or self._steps[0] is not by_lamp:
+            self._steps = (by_lamp, self._compute_lamp_steps(view, by_lamp))
+        return self._steps[1]
+
+    def _compute_lamp_steps(self, view: RayView, by_lamp: NDArray[np.float64]) -> NDArray[np.float64]:
+        """As `_lamp_steps`."""
         light = np.abs(by_lamp)
         if view.face_light is not None:
             for number in range(light.shape[1]):
@@ -171,7 +180,8 @@ class SteppedLightRenderer(FootprintRenderer):
         hits = view.caster.cast_in_pixels(view.rays.origin, directions, own[tested])
         divided[parts.owner[tested[hits.face != parts.face[tested]]]] = False
         # Pixels that cannot be divided show many facets, or other bodies that protrude.
-        rules.ravel()[pixels[~divided]] = _FINEST
+        undivided = pixels[~divided]
+        rules.ravel()[undivided] = np.maximum(rules.ravel()[undivided], _FINEST)
         divided &= np.bincount(parts.owner, minlength=len(pixels)) > 1
         some = divided[parts.owner]
         owner, own, face = (np.cumsum(divided) - 1)[parts.owner[some]], own[some], parts.face[some]

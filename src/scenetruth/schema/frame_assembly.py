@@ -55,13 +55,9 @@ class IncrementalDataset:
 
     def dataset(self) -> xr.Dataset:
         """Return the filled data set, which shares the arrays."""
-        variables = {name: self._blank.variables[name] for name in self._arrays}
-        return self._blank.assign(
-            {
-                name: xr.Variable(item.dims, self._arrays[name], item.attrs, fastpath=True)
-                for name, item in variables.items()
-            }
-        )
+        # Unlike with `assign`, nothing is aligned and merged.
+        names, variables = map(str, self._blank.data_vars), self._blank.variables
+        return self._blank.copy(data={name: self._arrays.get(name, variables[name].data) for name in names})
 
 
 Map = NDArray[np.float64]

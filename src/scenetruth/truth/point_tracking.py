@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scenetruth.camera import Camera, Viewpoint
 from scenetruth.errors import Problem, RecordingError
 from scenetruth.provenance import build_schedule
-from scenetruth.raycast import Topology
+from scenetruth.raycast import scene_topology
 from scenetruth.scene import SceneLike, load_scene
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.scene_models import Scene
@@ -185,7 +185,7 @@ class PointTracker:
 def compile_visibility(scene: Scene) -> None:
     """Compile the visibility kernels by a call with few points."""
     world = build_scene(scene)
-    geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg), 0.0)
+    geometry = GeometryPass(world, scene_topology(world), 0.0)
     viewpoint = build_schedule(scene).moment(0, 0).viewpoint
     first = np.zeros((2, 2), dtype=np.int64)
     maps = {"object_id": first, "face_id": first, "barycentric": np.full((2, 2, 2), 0.25)}

@@ -22,7 +22,7 @@ from scenetruth.memory import release_memory, retained_memory
 from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
 from scenetruth.provenance import build_schedule, intrinsics_from
-from scenetruth.raycast import Topology
+from scenetruth.raycast import Topology, scene_topology
 from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.mesh.mesh_file import FileMesh
 from scenetruth.scene.scene_models import Scene
@@ -229,7 +229,7 @@ class TruthTasks:
         self._cameras = [(s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist()]
         self._moments = [[moment_of(s, t, s_y) for t in frames.t.tolist()] for s_y, s in self._cameras]
         places = [[(moment.t, moment.viewpoint) for moment in row] for row in self._moments]
-        self._topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
+        self._topology = scene_topology(world)
         together = len({time for time, _ in (row[0] for row in places)}) == 1
         kept = _CACHED_TIMES if together else _CACHED_SCAN_TIMES
         self._geometries = Geometries(world, self._topology, kept, light)

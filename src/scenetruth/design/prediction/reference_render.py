@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scenetruth.bound.image_gradients import GreyNoise
 from scenetruth.design.prediction.camera_response import compute_grey_levels
 from scenetruth.provenance import blank_recording, build_schedule, intrinsics_from
-from scenetruth.raycast import Topology
+from scenetruth.raycast import scene_topology
 from scenetruth.render import choose_renderer
 from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
@@ -50,7 +50,7 @@ def render_reference(scene: Scene, *, complete: bool = False) -> ReferenceRender
     cameras = [(s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist()]
     moments = [[schedule.nominal(s, t, s_y) for t in frames.t.tolist()] for s_y, s in cameras]
     reference = schedule.nominal(0, 0)
-    topology = Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg)
+    topology = scene_topology(world)
     geometries = Geometries(world, topology, _CACHED_TIMES)
     geometry = geometries.at(reference.t)
     extent: Literal["standard", "complete"] = "complete" if complete else "standard"

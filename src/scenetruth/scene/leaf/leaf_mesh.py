@@ -117,11 +117,11 @@ class _Half:
         return np.concatenate([self.rim, self.axis, self.lattice])
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=32)
 def triangulate_leaf(leaf: LeafForm) -> tuple[Floats, NDArray[np.int32]]:
     """Triangulate a flat leaf symmetrically about the midrib: vertices (a, b) in mm, and faces, upper side to -Z.
 
-    Scenes of a data set are built for the acceptance test and again for the images.
+    Scenes of a data set, also plants with many leaves, are built for the acceptance test and again for the images.
     """
     edge = leaf.length_mm / max(round(leaf.length_mm / leaf.resolution_mm), 2)
     margin = compute_margin(leaf)

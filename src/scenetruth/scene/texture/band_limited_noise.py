@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
+from bisect import bisect_left
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,8 +93,15 @@ def _raster_points(extent: float, pitch: float) -> int:
 
 def _fast_length(least: int) -> int:
     """Return `scipy.fft.next_fast_len` for real input without SciPy: products of 2, 3 and 5."""
-    lengths = (int(2**twos * 3**threes * 5**fives) for twos in range(13) for threes in range(9) for fives in range(6))
-    return min(length for length in lengths if length >= least)
+    lengths = _fast_lengths()
+    return lengths[bisect_left(lengths, least)]
+
+
+@cache
+def _fast_lengths() -> list[int]:
+    """Return the products of 2, 3 and 5 in ascending order."""
+    powers = itertools.product(range(13), range(9), range(6))
+    return sorted(2**twos * 3**threes * 5**fives for twos, threes, fives in powers)
 
 
 def _limited_spectrum(
