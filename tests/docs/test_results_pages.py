@@ -23,7 +23,7 @@ from benchmarks.results.data import (
     table_of,
     write_method_data,
 )
-from benchmarks.results.fragments import FRAGMENTS
+from benchmarks.results.fragments import FRAGMENTS, Results
 from benchmarks.results.jobs import Job, list_jobs, measure_jobs, stored_rows
 from benchmarks.results.pages import PAGES, fragments_of, read_results, with_fragments, write_pages
 
@@ -87,6 +87,38 @@ def test_a_built_in_method_without_a_result_is_a_loss() -> None:
     assert (line["program"], line["counts"], math.isnan(line["ratio"])) == ("other", True, True)
     # One that was not measured yet is none.
     assert losses([replace(own, missing=("slope",)), other]).empty
+
+
+def test_missing_jobs_are_named_with_their_methods_and_counted() -> None:
+    own = method("refined_4", BUILT_IN, [("slope", "30", "disparity", 0.1, 80.0)])
+    whole, other = replace(own, key="refined", title="refined"), replace(own, key="other", title="other", group=PROGRAM)
+    gaps = [
+        replace(own, missing=("star", "blur")),
+        replace(whole, missing=("star",)),
+        replace(other, missing=("star",)),
+    ]
+    page = FRAGMENTS["not-measured"](Results(gaps, pd.DataFrame()))
+    assert "| `star` | all 3 | 3 |" in page
+    assert "| `blur` | refined_4 | 1 |" in page
+    assert "jobs (4 in all)" in page
+    assert FRAGMENTS["not-measured"](Results([own, whole, other], pd.DataFrame())) == "All jobs are measured."
+    words = FRAGMENTS["summary"](Results(gaps, pd.DataFrame())).split("\n\n")
+    assert words[0].startswith("With the same four images, at least one other program is more accurate")
+    assert f"4 of {3 * len(list_jobs())} jobs" in words[-1]
+    assert "not complete" not in FRAGMENTS["summary"](Results([own, whole, other], pd.DataFrame()))
+
+
+def test_costs_that_are_not_measured_say_so() -> None:
+    own = method("refined_4", BUILT_IN, [("slope", "30", "disparity", 0.1, 80.0)])
+    methods = [own, replace(own, key="refined", cost={"processor_s": 3.0, "memory_mb": 400.0})]
+    methods += [replace(own, key="quick", title="quick", group=PROGRAM, cost={"processor_s": 1.0, "memory_mb": 500.0})]
+    methods += [replace(own, key="late", title="late", group=PROGRAM)]
+    time, memory = FRAGMENTS["cost"](Results(methods, pd.DataFrame())).splitlines()
+    assert time == "- **Time**: `refined` with 4 images: not measured yet, with all: 3.0 s. Not measured yet: late."
+    methods[0] = replace(own, cost={"processor_s": 2.0, "memory_mb": 450.0})
+    time, memory = FRAGMENTS["cost"](Results(methods, pd.DataFrame())).splitlines()
+    assert "2.0 s, with all: 3.0 s. Less: quick (1.0 s). Not measured yet: late." in time
+    assert "Less: none." in memory
 
 
 def test_records_become_one_line_for_each_level_and_quantity() -> None:
