@@ -156,9 +156,9 @@ def summary(results: Results) -> str:
     ]
     missing = sum(len(one.missing) for one in results.methods)
     if missing:
-        total = len(list_jobs()) * len(results.methods)
+        every = len(list_jobs()) * len(results.methods)
         lines.append(
-            f"**The measurement is not complete**: {missing} of {total} jobs (a method on a case, or on a scene of the "
+            f"**The measurement is not complete**: {missing} of {every} jobs (a method on a case, or on a scene of the "
             f"gallery) are [not measured yet](#conditions); `make results` continues.",
         )
     return "\n\n".join(lines)
