@@ -269,7 +269,7 @@ def summary(rows: Sequence[dict[str, Any]], quantity: str) -> list[dict[str, str
         own = [row for row in rows if (row["images"], row["method"]) == (images, code)]
         found = [row["mei_px2"] for row in own if np.isfinite(row["mei_px2"]) and row["mei_px2"] > 0]
         periods = [row["first_px"] for row in own if np.isfinite(row["first_px"])]
-        reach = f"{min(periods):.0f} to {max(periods):.0f}" if periods else ""
+        reach = " to ".join(dict.fromkeys(f"{end:.0f}" for end in (min(periods), max(periods)))) if periods else ""
         scatter = [row["scatter_ratio"] for row in sorted(own, key=lambda row: row["mei_px2"])[:3]]
         lowest = f"{min(found):.3g}" if found else ""
         lines.append((images, code, str(len(own)), mean_of_lowest(found), lowest, reach, f"{np.mean(scatter):.1f}"))
