@@ -21,6 +21,7 @@ from benchmarks.results.comparison import (
 )
 from benchmarks.results.contestants import BUILT_IN, OPENCV, SUBMITTED
 from benchmarks.results.data import MethodData, markdown, select, spelled
+from benchmarks.results.four_images import JOBS
 from benchmarks.results.jobs import list_jobs
 
 from scenetruth.benchmark.cases.case import all_cases
@@ -419,7 +420,16 @@ def _four(results: Results, scenes: Sequence[str]) -> str:
             pair = f"{spelled(rmse)} / {spelled(median)}"
             cells.append(f"**{pair}**" if rmse == smallest[name] else pair)
         lines.append([_title(str(job), here), *cells])
-    return markdown(("program, options", *(_FOUR_QUANTITIES[name] for name in columns)), lines)
+    table = markdown(("program, options", *(_FOUR_QUANTITIES[name] for name in columns)), lines)
+    return _with_missing(table, frame, scenes)
+
+
+def _with_missing(table: str, frame: pd.DataFrame, scenes: Sequence[str]) -> str:
+    """Return a table, without its heading if it is empty, and the names of the runs that are not measured yet."""
+    there = set(frame["job"])
+    missing = [name.partition(":")[0] for name, job in JOBS.items() if job.scene in scenes and name not in there]
+    words = f"Not measured yet ({len(missing)} runs): {', '.join(missing)}." if missing else ""
+    return "\n\n".join(filter(None, (table if there else "", words)))
 
 
 def _title(job: str, frame: pd.DataFrame) -> str:
@@ -441,9 +451,8 @@ def four_images_star(results: Results) -> str:
         ]
         for row in frame.to_dict("records")
     ]
-    return markdown(
-        ("program, options", "period at 10 % loss, px", "noise of a static pair, px", "product, px²"), lines
-    )
+    columns = ("program, options", "period at 10 % loss, px", "noise of a static pair, px", "product, px²")
+    return _with_missing(markdown(columns, lines), frame, ("star",))
 
 
 def data_links(results: Results) -> str:

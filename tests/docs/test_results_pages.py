@@ -23,6 +23,8 @@ from benchmarks.results.data import (
     table_of,
     write_method_data,
 )
+from benchmarks.results.four_images import COLUMNS as FOUR_COLUMNS
+from benchmarks.results.four_images import JOBS
 from benchmarks.results.fragments import FRAGMENTS, Results
 from benchmarks.results.jobs import Job, list_jobs, measure_jobs, stored_rows
 from benchmarks.results.pages import PAGES, fragments_of, read_results, with_fragments, write_pages
@@ -106,6 +108,20 @@ def test_missing_jobs_are_named_with_their_methods_and_counted() -> None:
     assert words[0].startswith("With the same four images, at least one other program is more accurate")
     assert f"4 of {3 * len(list_jobs())} jobs" in words[-1]
     assert "not complete" not in FRAGMENTS["summary"](Results([own, whole, other], pd.DataFrame()))
+
+
+def test_runs_on_four_images_that_are_not_measured_are_named() -> None:
+    own = method("refined_4", BUILT_IN, [("slope", "30", "disparity", 0.1, 80.0)])
+    empty = pd.DataFrame(columns=list(FOUR_COLUMNS))
+    words = FRAGMENTS["star"](Results([own], empty))
+    names = [name.partition(":")[0] for name, job in JOBS.items() if job.scene == "star"]
+    assert words == f"Not measured yet ({len(names)} runs): {', '.join(names)}."
+    line = {"job": "dis: star", "method": "opencv", "scene": "star", "options": "flow=dis", "quantity": "flow_y"}
+    there = pd.DataFrame([line | {"cutoff_period_first": 70.0, "noise_std": 0.0056}], columns=list(FOUR_COLUMNS))
+    table, words = FRAGMENTS["star"](Results([own], there)).split("\n\n")
+    assert "| OpenCV, `flow=dis` | 70 | 0.0056 | 0.39 |" in table
+    assert words == f"Not measured yet ({len(names) - 1} runs): {', '.join(name for name in names if name != 'dis')}."
+    assert "refined default" in FRAGMENTS["cube"](Results([own], there))
 
 
 def test_costs_that_are_not_measured_say_so() -> None:
