@@ -15,6 +15,7 @@ from benchmarks.results.comparison import (
     STATISTICS,
     Value,
     losses,
+    relative_values,
     too_small_bars,
     value_of,
     values,
@@ -49,6 +50,7 @@ class Results:
         self.four_images = four_images
         self.values = values(self.methods)
         self.losses = losses(self.methods)
+        self.relative = relative_values(self.methods)
         self.bars = too_small_bars(self.methods)
         self.overview = pd.DataFrame([_overview(one) for one in self.methods])
 

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from benchmarks.results import __main__ as command
-from benchmarks.results.comparison import losses, value_of, values
+from benchmarks.results.comparison import losses, relative_values, value_of, values
 from benchmarks.results.contestants import BUILT_IN, CONTESTANTS, PROGRAM, submitted
 from benchmarks.results.data import (
     COLUMNS,
@@ -80,6 +80,17 @@ def test_a_program_is_ahead_on_the_levels_that_it_has_and_with_half_of_the_pixel
     assert list(rows["counts"]) == [False, True]
     assert rows["refined_4_value"].tolist() == pytest.approx([0.2, 0.2])
     assert rows["ratio"].tolist() == pytest.approx([0.25, 0.75])
+
+
+def test_relative_values_are_those_of_medians_of_all_programs() -> None:
+    own = method(
+        "refined_4", BUILT_IN, [("slope", "30", "disparity", 0.1, 80.0), ("slope", "60", "disparity", 0.3, 80.0)]
+    )
+    worse = method("worse", PROGRAM, [("slope", "30", "disparity", 0.5, 40.0)])
+    without = method("without", PROGRAM, [("slope", "30", "disparity", math.nan, 0.0)])
+    (line,) = relative_values([own, worse, without]).to_dict("records")
+    assert (line["program"], line["case"], line["statistic"]) == ("worse", "slope", "rmse")
+    assert [line[name] for name in ("value", "refined_4_value", "ratio")] == pytest.approx([0.5, 0.2, 2.5])
 
 
 def test_a_built_in_method_without_a_result_is_a_loss() -> None:
