@@ -102,7 +102,7 @@ def value_of(one: MethodData, value: Value, levels: Sequence[str] | None = None)
     if levels is not None:
         frame = frame[frame["level"].isin(levels)]
     numbers = frame[value.column].abs().dropna()
-    density = select(one.table, case=value.case, quantity=value.quantity)["valid_percent"]
+    density = one.rows(value.case, value.quantity)["valid_percent"]
     share = frame["valid_percent"].median() if frame["valid_percent"].notna().any() else density.median()
     return (float(numbers.median()), float(share)) if len(numbers) else (math.nan, math.nan)
 
@@ -216,7 +216,7 @@ def too_small_bars(methods: Sequence[MethodData]) -> pd.DataFrame:
 
 
 def _levels_of(one: MethodData, value: Value) -> pd.DataFrame:
-    frame = select(one.table, case=value.case, quantity=value.quantity)
+    frame = one.rows(value.case, value.quantity)
     if value.scene:
         return select(frame, level=value.scene)
     return frame[(frame["level"] == "") == (value.column == "period_at_10_percent_loss")]

@@ -152,7 +152,7 @@ def summary(results: Results) -> str:
     lines = [
         f"With the same four images, at least one other program is more accurate than the built-in method "
         f"[`refined`](../how_to/choose_a_method.md) in {_listed(counts)}. With all images of the recording, `refined` "
-        f"is less accurate than that program in {len(whole)} of these {len(best)}.",
+        f"is less accurate than that program, or has no result, in {len(whole)} of these {len(best)}.",
         f"{len(results.methods)} rows: {len(results.methods) - len(programs)} of built-in methods, {len(programs)} of "
         f"other programs. Measured {'on ' if period == dates[0] else ''}{period} on {machines}; the versions are in "
         f"[a table](#all-methods) below.",

@@ -219,6 +219,25 @@ def commands_of_page() -> list[list[str]]:
     return [words[3:] for words in found]
 
 
+def test_stored_results_become_data_without_a_measurement(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse(*_: Any, **__: Any) -> Any:
+        raise AssertionError("something is measured")
+
+    jobs = _tiny()
+    monkeypatch.setattr(command, "list_jobs", lambda *given: jobs)
+    for name in ("measure_jobs", "cost_of", "make_environment", "measure_four_images"):
+        monkeypatch.setattr(command, name, refuse)
+    monkeypatch.setattr(command, "write_pages", lambda docs: [docs / "index.md"])
+    command.main(["--stored", "--folder", str(tmp_path / "out"), "--docs", str(tmp_path / "docs")])
+    found = read_methods_data(tmp_path / "docs" / "data" / "methods")
+    assert [one.key for one in found] == [one.key for one in CONTESTANTS]
+    assert all(one.missing == tuple(job.name for job in jobs) and not one.cost for one in found)
+    assert (tmp_path / "docs" / "data" / "four_images.csv").read_text().startswith("job,method,")
+    assert "index.md" in capsys.readouterr().out
+
+
 @nightly
 def test_the_page_on_adding_a_row_is_followed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
