@@ -2,16 +2,18 @@
 
 Rows of displacements are kept in FOLDER/rows, one file for each setting and pair of images; those that are there are
 reused, so that a run that is cut short resumes. The tables ``dic_challenge_*.csv`` are made of the rows that are there.
-Environments of the programs: ``python -m benchmarks.peers.setup``. The images come
-with pyvale, but for those of star 6, which are rendered. They are cut to the 81 rows around the centre row, which is
-all that is evaluated.
+Environments of the programs: ``python -m benchmarks.peers.setup``. The images come with pyvale; those of star 6, the
+strain, are made of them and rendered. They are cut to the 81 rows around the centre row, which is all that is
+evaluated.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import os
 import sys
+import tempfile
 import time
 import warnings
 from collections.abc import Sequence
@@ -29,6 +31,7 @@ from benchmarks.dic_challenge.images import (
     images_at_rest,
     recording_of,
     rendered_pair,
+    strain_pair,
 )
 from benchmarks.dic_challenge.methods import (
     PROGRAM,
@@ -50,9 +53,10 @@ from scenetruth.output import write_atomically
 
 FOLDER = Path("outputs/results/dic_challenge")
 SOURCES = ("given", "rendered")
-STRAIN_PAIRS = ("rendered_strain", "rendered_at_rest")
 STRAIN_WINDOWS_PX = (5, 11, 21)
 """Sides of the square window of strain, in pixels with a displacement each."""
+PROGRAM_WINDOWS_PX = (5, 11)
+"""Those of programs, which match each of these rows."""
 _CHANGES = {"rendered": (), "rendered_strain": STRAIN}
 
 
@@ -68,6 +72,8 @@ def images_of(pair: str, folder: Path, data: Path) -> Path:
         # The whole image says more about the noise than its middle.
         first = given_pair(data)[0] if pair.startswith("given") else np.load(source)[0].astype(np.float64)
         first, second = images_at_rest(first)
+    elif pair == "given_strain":
+        first, second = strain_pair(given_pair(data)[0])
     elif pair.startswith("rendered"):
         first, second, truth = rendered_pair(*_CHANGES[pair])
         np.save(file.with_name(f"{pair}_truth.npy"), truth)
@@ -100,20 +106,44 @@ def measure(chosen: Sequence[Setting], pairs: Sequence[str], folder: Path, data:
             print(f"{program}: nothing found for {', '.join(failed)}: {said[-1500:]}", file=sys.stderr, flush=True)
 
 
-def measure_strain(chosen: Sequence[Setting], folder: Path, data: Path) -> None:
-    """Measure the rows of strain that are missing, of methods of scenetruth on the rendered star 6."""
+def measure_strain(chosen: Sequence[Setting], sources: Sequence[str], folder: Path, data: Path, peers: Path) -> None:
+    """Measure the rows of strain that are missing, on star 6."""
     (folder / "rows").mkdir(parents=True, exist_ok=True)
     for setting in chosen:
-        for pair in STRAIN_PAIRS:
-            files = {window: strain_file(folder, setting, pair, window) for window in STRAIN_WINDOWS_PX}
+        for pair in (each for source in sources for each in strain_pairs(source)):
+            files = {window: strain_file(folder, setting, pair, window) for window in windows_of(setting)}
             if all(file.exists() for file in files.values()):
                 continue
-            first, second = np.load(images_of(pair, folder, data)).astype(np.float64)
-            found = displacement_map(setting, first, second)
+            images, started = images_of(pair, folder, data), _processor_s()
+            found, said = displacements_of(setting, images, peers)
+            if found is None:
+                print(f"{setting.key}, {pair}: nothing found: {said[-1500:]}", file=sys.stderr, flush=True)
+                continue
             for window, file in files.items():
                 with write_atomically(file, overwrite=True) as partial, partial.open("wb") as opened:
                     np.save(opened, strain_row(found, window))
-            print(f"{setting.key}, strain, {pair}", file=sys.stderr, flush=True)
+            print(f"{setting.key}, {pair}: {_processor_s() - started:.1f} s", file=sys.stderr, flush=True)
+
+
+def displacements_of(setting: Setting, images: Path, peers: Path) -> tuple[Any, str]:
+    """Return the displacements in the rows of the widest window of strain, if there are any, and what was said."""
+    if setting.group != PROGRAM:
+        first, second = np.load(images).astype(np.float64)
+        return displacement_map(setting, first, second), ""
+    with tempfile.TemporaryDirectory(prefix="star6-") as work:
+        file = Path(work) / "map.npy"
+        said = rows_of_program(setting.method, [(setting, images, file)], peers, max(windows_of(setting)) // 2)
+        return np.load(file) if file.exists() else None, said
+
+
+def windows_of(setting: Setting) -> tuple[int, ...]:
+    """Return the sides of the windows of strain of a setting."""
+    return PROGRAM_WINDOWS_PX if setting.group == PROGRAM else STRAIN_WINDOWS_PX
+
+
+def strain_pairs(source: str) -> tuple[str, str]:
+    """Return the pairs of star 6: moved and at rest."""
+    return f"{source}_strain", f"{source}_at_rest"
 
 
 def strain_file(folder: Path, setting: Setting, pair: str, window: int) -> Path:
@@ -124,15 +154,16 @@ def strain_file(folder: Path, setting: Setting, pair: str, window: int) -> Path:
 def strain_table(folder: Path) -> list[dict[str, Any]]:
     """Return the results of strain of all settings and windows whose rows are there."""
     rows = []
-    for setting in SETTINGS.values():
-        for window in STRAIN_WINDOWS_PX:
-            files = [strain_file(folder, setting, pair, window) for pair in STRAIN_PAIRS]
-            if not all(file.exists() for file in files):
-                continue
-            moving, at_rest = (np.load(file) for file in files)
-            found = evaluate(moving, at_rest, STRAIN_AMPLITUDE)
-            row = {"images": "rendered", "method": setting.code, "group": setting.group, "size_px": setting.size_px}
-            rows.append({**row, "strain_window_px": window, **asdict(found), "mei_px2": found.strain_mei})
+    for source in SOURCES:
+        for setting in SETTINGS.values():
+            for window in windows_of(setting):
+                files = [strain_file(folder, setting, pair, window) for pair in strain_pairs(source)]
+                if not all(file.exists() for file in files):
+                    continue
+                moving, at_rest = (np.load(file) for file in files)
+                found = evaluate(moving, at_rest, STRAIN_AMPLITUDE)
+                row = {"images": source, "method": setting.code, "group": setting.group, "size_px": setting.size_px}
+                rows.append({**row, "strain_window_px": window, **asdict(found), "mei_px2": found.strain_mei})
     return rows
 
 
@@ -179,7 +210,8 @@ def main() -> None:
         chosen = [one for key, one in SETTINGS.items() if not given.names or any(part in key for part in given.names)]
         data = given.data or data_of_pyvale(given.peers)
         if given.strain:
-            measure_strain([one for one in chosen if one.group != PROGRAM], given.folder, data)
+            sources = [source for source in SOURCES if not given.pair or strain_pairs(source)[0] in given.pair]
+            measure_strain(chosen, sources, given.folder, data, given.peers)
         else:
             measure(chosen, given.pair or PAIRS[:4], given.folder, data, given.peers)
     for quantity, rows in (("displacement", table(given.folder)), ("strain", strain_table(given.folder))):
@@ -230,14 +262,14 @@ def field_rows(folder: Path, data: Path) -> list[list[str]]:
 def summary(rows: Sequence[dict[str, Any]], quantity: str) -> list[dict[str, str]]:
     """Return a line per source and method among the published values, those with the lowest MEI first."""
     count, *values = PUBLISHED[quantity]
-    source = SOURCES[0] if quantity == "displacement" else SOURCES[1]
+    source = SOURCES[0]
     ends = zip(("best", "median", "worst"), values, strict=True)
     lines = [(source, f"published, {name} of {count}", "", value, "", "", "") for name, value in ends]
     for images, code in dict.fromkeys((row["images"], row["method"]) for row in rows):
         own = [row for row in rows if (row["images"], row["method"]) == (images, code)]
         found = [row["mei_px2"] for row in own if np.isfinite(row["mei_px2"]) and row["mei_px2"] > 0]
         periods = [row["first_px"] for row in own if np.isfinite(row["first_px"])]
-        reach = f"{min(periods):.0f} to {max(periods):.0f}" if periods else ""
+        reach = " to ".join(dict.fromkeys(f"{end:.0f}" for end in (min(periods), max(periods)))) if periods else ""
         scatter = [row["scatter_ratio"] for row in sorted(own, key=lambda row: row["mei_px2"])[:3]]
         lowest = f"{min(found):.3g}" if found else ""
         lines.append((images, code, str(len(own)), mean_of_lowest(found), lowest, reach, f"{np.mean(scatter):.1f}"))
@@ -262,6 +294,11 @@ def data_of_pyvale(peers: Path) -> Path:
     if not found:
         raise SystemExit("the images come with pyvale: run python -m benchmarks.peers.setup pyvale, or give --data")
     return found[0]
+
+
+def _processor_s() -> float:
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
 
 
 def _short(value: Any) -> Any:

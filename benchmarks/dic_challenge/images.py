@@ -13,8 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from benchmarks.dic_challenge.rules import STRAIN as STRAIN_AMPLITUDE
+from benchmarks.dic_challenge.rules import periods_px
 from numpy.typing import NDArray
-from scipy.ndimage import correlate1d
+from scipy.ndimage import correlate1d, map_coordinates
 
 import scenetruth as st
 
@@ -29,10 +31,12 @@ __all__ = [
     "noise_of",
     "recording_of",
     "rendered_pair",
+    "strain_field",
+    "strain_pair",
     "without_noise",
 ]
 
-PAIRS = ("given", "given_at_rest", "rendered", "rendered_at_rest", "rendered_strain")
+PAIRS = ("given", "given_at_rest", "rendered", "rendered_at_rest", "given_strain", "rendered_strain")
 SCENE = Path(__file__).with_name("star5.yaml")
 BAND_PX = 40
 """Rows above and below the centre row that methods see."""
@@ -100,11 +104,44 @@ def without_noise(image: Image, variance: float) -> Image:
 
 def images_at_rest(reference: Image, seed: int = 0) -> tuple[Image, Image]:
     """Return two images of the pattern of the reference, with noise of its level that is drawn twice, of 8 bits."""
+    pattern = _pattern_of(reference)
+    return _with_noise([pattern, pattern], noise_of(reference), seed)
+
+
+def strain_pair(reference: Image, seed: int = 1) -> tuple[Image, Image]:
+    """Return the pattern of the reference at rest and moved by the field of star 6, each with noise, of 8 bits.
+
+    The moved image has at y + v the value that the pattern has at y, with the displacement v of `strain_field` along y,
+    by splines of order 5.
+    """
+    pattern = _pattern_of(reference)
+    rows, columns = np.indices(pattern.shape, dtype=np.float64)
+    periods, centre = periods_px(columns), pattern.shape[0] // 2
+    places = rows.copy()
+    # v is a contraction along y by 5 %: each round adds more than a digit.
+    for _ in range(15):
+        places = rows - strain_field(places - centre, periods)
+    moved = map_coordinates(pattern, [places, columns], order=5, mode="mirror")
+    return _with_noise([pattern, moved], noise_of(reference), seed)
+
+
+def strain_field(y_px: Image, periods: Image) -> Image:
+    """Return the displacement of star 6 along y, px: its derivative along y has the amplitude 5 % at every period."""
+    waves = 2 * np.pi / periods
+    return np.asarray(STRAIN_AMPLITUDE / waves * np.sin(waves * y_px))
+
+
+def _pattern_of(reference: Image) -> Image:
     slope, offset = noise_of(reference)
-    pattern = without_noise(reference, float(np.mean(slope * reference + offset)))
-    deviation = np.sqrt(np.maximum(slope * pattern + offset - _QUANTISATION, 0.0))
-    generator = np.random.default_rng(seed)
-    drawn = [np.rint(pattern + deviation * generator.standard_normal(pattern.shape)) for _ in range(2)]
+    return without_noise(reference, float(np.mean(slope * reference + offset)))
+
+
+def _with_noise(patterns: list[Image], noise: tuple[float, float], seed: int) -> tuple[Image, Image]:
+    """Return two patterns with noise whose variance is linear in the grey value, rounded to 8 bits."""
+    generator, drawn = np.random.default_rng(seed), []
+    for pattern in patterns:
+        variance = np.maximum(noise[0] * pattern + noise[1] - _QUANTISATION, 0.0)
+        drawn.append(np.rint(pattern + np.sqrt(variance) * generator.standard_normal(pattern.shape)))
     first, second = (np.clip(each, 0, 255) for each in drawn)
     return first, second
 

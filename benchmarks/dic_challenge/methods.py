@@ -111,7 +111,7 @@ def _of_disparity(setting: Setting, first: Image, second: Image) -> Row:
     return np.asarray(np.where(found["status"].values == _VALID, SHIFT_PX - disparity, np.nan).T)
 
 
-def rows_of_program(program: str, jobs: Sequence[tuple[Setting, Path, Path]], peers: Path) -> str:
+def rows_of_program(program: str, jobs: Sequence[tuple[Setting, Path, Path]], peers: Path, more: int = 0) -> str:
     """Let a program match several settings; return what it said.
 
     Parameters
@@ -122,12 +122,20 @@ def rows_of_program(program: str, jobs: Sequence[tuple[Setting, Path, Path]], pe
         Setting, file of two images, and file of the row.
     peers
         Folder with the environments of the programs.
+    more
+        Rows above and below the centre row that are matched as well: the files hold maps then.
     """
     peer = PEERS[program]
-    job_file = {
+    job_file: dict[str, Any] = {
         "program": peer.program,
         "jobs": [
-            {"images": str(images.absolute()), "output": str(row.absolute()), "size": one.size_px, "shape": one.shape}
+            {
+                "images": str(images.absolute()),
+                "output": str(row.absolute()),
+                "size": one.size_px,
+                "shape": one.shape,
+                "rows": more,
+            }
             for one, images, row in jobs
         ],
     }

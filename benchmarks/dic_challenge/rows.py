@@ -1,8 +1,8 @@
 """Runs a program of `benchmarks.peers` with several settings: ``python rows.py JOBS.json``, in its own environment.
 
 JOBS.json: ``program``, the name of its module in benchmarks/peers/programs; ``jobs``, a list of ``images`` (.npy of two
-images of 8 bits), ``output`` (.npy of the row), ``size`` and ``shape``. One process, because importing a program takes
-longer than matching a row.
+images of 8 bits), ``output`` (.npy of the rows), ``size`` and ``shape``, and ``rows``: how many rows above and below
+the centre row are matched as well. One process, because importing a program takes longer than matching a row.
 """
 
 from __future__ import annotations
@@ -20,38 +20,42 @@ from numpy.typing import NDArray
 
 PROGRAMS = Path(__file__).parents[1] / "peers" / "programs"
 MESHES = ("run_pyxel", "run_mudic")
+OF_CENTRES = ("run_sun_dic",)
 SEED_COLUMN = 3500
 REACH_PX = 16
 
 Row = NDArray[np.float64]
 
 
-def region_of(program: str, shape: tuple[int, int], size: int) -> NDArray[np.bool_]:
-    """Return the pixels that a program sees: a band of one subset, or of all rows for meshes.
+def region_of(program: str, shape: tuple[int, int], size: int, more: int = 0) -> NDArray[np.bool_]:
+    """Return the pixels that a program sees: a band of one subset and more rows, or all rows for meshes.
 
-    Subsets must lie within the region, so that a band of their size leaves the centre row alone. pyvale starts at a
-    point within a larger square, which is added where the periods are long, as its documentation advises.
+    Subsets must lie within the region, so that a band of their size leaves the centre row alone; SUN-DIC asks for their
+    centres. pyvale starts at a point within a larger square, which is added where the periods are long, as its
+    documentation advises.
     """
     region = np.ones(shape, bool)
     if program in MESHES:
         return region
     centre = shape[0] // 2
     region[:] = False
-    region[centre - size // 2 : centre + size // 2 + 1] = True
+    half = more if program in OF_CENTRES else size // 2 + more
+    region[centre - half : centre + half + 1] = True
     if program == "run_pyvale":
-        region[max(0, centre - size) : centre + size + 1, SEED_COLUMN - size : SEED_COLUMN + size + 1] = True
+        half = size + more
+        region[max(0, centre - half) : centre + half + 1, SEED_COLUMN - size : SEED_COLUMN + size + 1] = True
     return region
 
 
-def row_of(points: list[Row], shape: tuple[int, int], *, mesh: bool) -> Row:
-    """Return the displacement along y in the centre row, of points x, y, u, v.
+def row_of(points: list[Row], shape: tuple[int, int], *, mesh: bool, below: int = 0) -> Row:
+    """Return the displacement along y in the centre row, or in a row below it, of points x, y, u, v.
 
     Between the nodes of a mesh of rectangles with four nodes, displacements are linear along x and y.
     """
     x, y, _, v = points
     known = np.isfinite(v)
     x, y, v = x[known], y[known], v[known]
-    centre, columns = shape[0] // 2, np.arange(shape[1], dtype=np.float64)
+    centre, columns = shape[0] // 2 + below, np.arange(shape[1], dtype=np.float64)
     row = np.full(shape[1], np.nan)
     if not mesh:
         inside = np.rint(y) == centre
@@ -60,13 +64,13 @@ def row_of(points: list[Row], shape: tuple[int, int], *, mesh: bool) -> Row:
     lines = np.unique(np.rint(y))
     if not lines.size or lines[0] > centre or lines[-1] < centre:
         return row
-    above, below = lines[lines <= centre][-1], lines[lines >= centre][0]
+    upper, lower = lines[lines <= centre][-1], lines[lines >= centre][0]
     ends = []
-    for line in (above, below):
+    for line in (upper, lower):
         inside = np.flatnonzero(np.rint(y) == line)
         inside = inside[np.argsort(x[inside])]
         ends.append(np.interp(columns, x[inside], v[inside], left=np.nan, right=np.nan))
-    share = 0.0 if above == below else (centre - above) / (below - above)
+    share = 0.0 if upper == lower else (centre - upper) / (lower - upper)
     return np.asarray((1 - share) * ends[0] + share * ends[1])
 
 
@@ -79,21 +83,22 @@ def main() -> None:
     match = module._planar if program == "run_pyvale" else module._matched
     for job in spec["jobs"]:
         first, second = (each.astype(np.float64) / 255 for each in np.load(job["images"]))
-        size = int(job["size"])
+        size, more = int(job["size"]), int(job["rows"])
         given = argparse.Namespace(
-            mode="2d", subset=size, step=1, shape=job["shape"], precision=1e-5, kernel=5, order=5, element=size,
-            rectangle=False, region="given", points=True,
+            mode="2d", subset=size, step=1, shape=job["shape"], precision=1e-5, kernel=5, order=5,
+            element=size, rectangle=False, region="given", points=True,
         )  # fmt: skip
-        region = region_of(program, first.shape, size)
+        region = region_of(program, first.shape, size, more)
         try:
             points = match(given, (first, second), region, (REACH_PX, REACH_PX))
         except (Exception, SystemExit):
             print(job["output"], traceback.format_exc()[-600:], file=sys.stderr, flush=True)
             continue
         points = [np.asarray(each, dtype=np.float64).ravel() for each in points]
-        row = row_of(points, first.shape, mesh=program in MESHES)
+        mesh = program in MESHES
+        found = [row_of(points, first.shape, mesh=mesh, below=below) for below in range(-more, more + 1)]
         part = Path(job["output"]).with_suffix(".part.npy")
-        np.save(part, row)
+        np.save(part, np.array(found) if more else found[0])
         part.replace(job["output"])
 
 

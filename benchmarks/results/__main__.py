@@ -40,6 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--peers", type=Path, default=FOLDER, help="environments of programs (outputs/peers)")
     parser.add_argument("--docs", type=Path, default=Path("docs/results"), help="pages and data (docs/results)")
     parser.add_argument("--fresh", action="store_true", help="measure again what is there")
+    parser.add_argument("--stored", action="store_true", help="measure nothing: data and pages of what is in FOLDER")
     parser.add_argument("--pages", action="store_true", help="write pages from the data only")
     given = parser.parse_args(arguments)
     warnings.simplefilter("ignore")
@@ -64,7 +65,8 @@ def chosen_by(given: argparse.Namespace) -> Sequence[Contestant]:
         chosen = [submitted(given.add, given.link, given.version)]
     if given.method:
         chosen = [one for one in chosen if one.key in given.method]
-    for name in sorted({PEERS[one.key].environment for one in chosen if one.group == PROGRAM}):
+    programs = [] if given.stored else [one for one in chosen if one.group == PROGRAM]
+    for name in sorted({PEERS[one.key].environment for one in programs}):
         print(f"environment {name}: {make_environment(given.peers, name)}", flush=True)
     return chosen
 
@@ -84,16 +86,19 @@ def trial(given: argparse.Namespace) -> str:
 
 
 def measure_all(given: argparse.Namespace) -> None:
-    """Measure what is missing, and write the data."""
+    """Measure what is missing, unless stored results are wanted only, and write the data."""
     jobs, chosen = list_jobs(), chosen_by(given)
-    for job, key, seconds in measure_jobs(jobs, chosen, given.folder, given.peers, fresh=given.fresh):
+    for job, key, seconds in (
+        () if given.stored else measure_jobs(jobs, chosen, given.folder, given.peers, fresh=given.fresh)
+    ):
         print(f"{job}, {key}: {seconds:.1f} s", flush=True)
     for one in chosen:
-        cost = stored_cost(one, given.folder, partial(cost_of, one, given.folder, given.peers), fresh=given.fresh)
+        measured = dict if given.stored else partial(cost_of, one, given.folder, given.peers)
+        cost = stored_cost(one, given.folder, measured, fresh=given.fresh and not given.stored)
         print(f"cost, {one.key}: {cost.get('processor_s', float('nan')):.2f} s per frame", flush=True)
         write_method_data(given.docs / "data" / "methods", data_of(one, jobs, given.folder, cost))
     if not (given.add or given.method):
-        for name, seconds in measure_four_images(given.folder, given.peers):
+        for name, seconds in () if given.stored else measure_four_images(given.folder, given.peers):
             print(f"four images, {name}: {seconds:.1f} s", flush=True)
         write_csv(given.docs / "data" / FOUR_IMAGES, four_images_table(given.folder))
 

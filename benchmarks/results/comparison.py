@@ -13,7 +13,7 @@ from benchmarks.results.data import MethodData, select
 from scenetruth.benchmark.cases.case import all_cases
 from scenetruth.scoring.quantities import get_units
 
-__all__ = ["SAME_IMAGES", "Value", "losses", "too_small_bars", "value_of", "values"]
+__all__ = ["SAME_IMAGES", "Value", "losses", "relative_values", "too_small_bars", "value_of", "values"]
 
 SAME_IMAGES = "refined_4"
 """The built-in method that other programs are compared with: it uses the four images of the stereo programs."""
@@ -102,7 +102,7 @@ def value_of(one: MethodData, value: Value, levels: Sequence[str] | None = None)
     if levels is not None:
         frame = frame[frame["level"].isin(levels)]
     numbers = frame[value.column].abs().dropna()
-    density = select(one.table, case=value.case, quantity=value.quantity)["valid_percent"]
+    density = one.rows(value.case, value.quantity)["valid_percent"]
     share = frame["valid_percent"].median() if frame["valid_percent"].notna().any() else density.median()
     return (float(numbers.median()), float(share)) if len(numbers) else (math.nan, math.nan)
 
@@ -152,6 +152,33 @@ def losses(methods: Sequence[MethodData]) -> pd.DataFrame:
     return pd.DataFrame(lines, columns=list(LOSS_COLUMNS))
 
 
+def relative_values(methods: Sequence[MethodData]) -> pd.DataFrame:
+    """Return the values of other programs by those of the built-in method with the same images, by case.
+
+    Parameters
+    ----------
+    methods
+        The methods.
+    """
+    own = next((one for one in methods if one.key == SAME_IMAGES), None)
+    lines = []
+    for value in values(methods):
+        if value.case == GALLERY or value.column == "bad_percent" or own is None:
+            continue
+        mine = value_of(own, value)[0]
+        for other in methods:
+            number, share = value_of(other, value)
+            ratio = number / mine if mine else math.nan
+            if other.group != BUILT_IN and math.isfinite(ratio) and ratio > 0:
+                what = {"case": value.case, "quantity": value.quantity, "statistic": value.column, "unit": value.unit}
+                numbers = {"value": number, "valid_percent": share, "refined_4_value": mine, "ratio": ratio}
+                lines.append({**what, "program": other.title, **numbers})
+    return pd.DataFrame(lines, columns=list(RELATIVE_COLUMNS))
+
+
+RELATIVE_COLUMNS = (
+    *("case", "quantity", "statistic", "unit", "program", "value", "valid_percent", "refined_4_value", "ratio"),
+)
 LOSS_COLUMNS = (
     *("case", "scene", "quantity", "statistic", "unit", "program", "value", "valid_percent", "refined_4_value"),
     *("refined_4_valid_percent", "refined_all_images_value", "ratio", "counts"),
@@ -189,7 +216,7 @@ def too_small_bars(methods: Sequence[MethodData]) -> pd.DataFrame:
 
 
 def _levels_of(one: MethodData, value: Value) -> pd.DataFrame:
-    frame = select(one.table, case=value.case, quantity=value.quantity)
+    frame = one.rows(value.case, value.quantity)
     if value.scene:
         return select(frame, level=value.scene)
     return frame[(frame["level"] == "") == (value.column == "period_at_10_percent_loss")]

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +78,14 @@ class MethodData:
     failures: Mapping[str, str] = field(default_factory=dict)
     missing: Sequence[str] = ()
     table: pd.DataFrame = field(default_factory=pd.DataFrame, compare=False)
+
+    def rows(self, case: str, quantity: str) -> pd.DataFrame:
+        """Return the rows of a quantity of a case."""
+        return self._groups.get((case, quantity), self.table.iloc[:0])
+
+    @cached_property
+    def _groups(self) -> dict[tuple[str, str], pd.DataFrame]:
+        return dict(list(self.table.groupby(["case", "quantity"], sort=False)))
 
 
 def table_of(rows: Iterable[BenchmarkRecord]) -> pd.DataFrame:

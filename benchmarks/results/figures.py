@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from benchmarks.results.comparison import GALLERY, SAME_IMAGES, STATISTICS, value_of
+from benchmarks.results.comparison import GALLERY, STATISTICS
 from benchmarks.results.contestants import BUILT_IN, OPENCV, SUBMITTED
+from benchmarks.results.data import select
 
 from scenetruth.html import COLOURS
 from scenetruth.output import write_atomically
@@ -99,18 +100,17 @@ def draw_errors(results: Results, file: Path) -> Path:
     from matplotlib import pyplot
 
     wanted = [one for one in results.values if one.case != GALLERY and one.column != "bad_percent"]
+    rows = {(one.case, one.quantity, one.column): row for row, one in enumerate(wanted)}
     others = [one for one in results.methods if one.group != BUILT_IN]
-    own = next((one for one in results.methods if one.key == SAME_IMAGES), None)
     colours = _colours(results)
     with pyplot.rc_context(_STYLE):
         figure, axis = pyplot.subplots(figsize=(9.2, 0.36 * len(wanted) + 1.6), layout="constrained")
         for place, other in enumerate(others):
-            points = []
-            for row, value in enumerate(wanted):
-                mine = math.nan if own is None else value_of(own, value)[0]
-                ratio = value_of(other, value)[0] / mine if mine else math.nan
-                if math.isfinite(ratio) and ratio > 0:
-                    points.append((ratio, row + 0.05 * (place - len(others) / 2)))
+            there = select(results.relative, program=other.title)
+            points = [
+                (ratio, rows[case, quantity, column] + 0.05 * (place - len(others) / 2))
+                for case, quantity, column, ratio in there[["case", "quantity", "statistic", "ratio"]].to_numpy()
+            ]
             if points:
                 x, y = np.array(points).T
                 axis.plot(

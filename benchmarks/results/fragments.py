@@ -15,12 +15,15 @@ from benchmarks.results.comparison import (
     STATISTICS,
     Value,
     losses,
+    relative_values,
     too_small_bars,
     value_of,
     values,
 )
 from benchmarks.results.contestants import BUILT_IN, OPENCV, SUBMITTED
 from benchmarks.results.data import MethodData, markdown, select, spelled
+from benchmarks.results.four_images import JOBS
+from benchmarks.results.jobs import list_jobs
 
 from scenetruth.benchmark.cases.case import all_cases
 from scenetruth.scoring.quantities import get_title
@@ -47,6 +50,7 @@ class Results:
         self.four_images = four_images
         self.values = values(self.methods)
         self.losses = losses(self.methods)
+        self.relative = relative_values(self.methods)
         self.bars = too_small_bars(self.methods)
         self.overview = pd.DataFrame([_overview(one) for one in self.methods])
 
@@ -131,8 +135,8 @@ def summary(results: Results) -> str:
     compared = [value for value in results.values if _is_compared(results, value)]
     counts = []
     groups = (
-        ("benchmark cases", lambda case, column: case != GALLERY and column != "bad_percent"),
-        ("cases by bad pixels", lambda case, column: column == "bad_percent"),
+        ("benchmark cases by their errors", lambda case, column: case != GALLERY and column != "bad_percent"),
+        ("by their bad pixels", lambda case, column: column == "bad_percent"),
         ("errors on complete scenes", lambda case, column: case == GALLERY),
     )
     for name, of_group in groups:
@@ -142,22 +146,30 @@ def summary(results: Results) -> str:
             counts.append(f"{len(lost)} of {len(total)} {name}")
     whole = best[~(best["value"] >= best["refined_all_images_value"])]
     programs = [one for one in results.methods if one.group != BUILT_IN]
-    date = max(one.date for one in results.methods)
+    dates = sorted(one.date for one in results.methods if one.date)
+    period = dates[0] if dates[0] == dates[-1] else f"from {dates[0]} to {dates[-1]}"
+    machines = ", ".join(dict.fromkeys(one.machine for one in results.methods))
     lines = [
-        f"On the same images, at least one other program is more accurate than the built-in method `refined` in "
-        f"{', '.join(counts)}; with all images of the recording instead of four, `refined` is less accurate in "
-        f"{len(whole)} of these {len(best)}.",
+        f"With the same four images, at least one other program is more accurate than the built-in method "
+        f"[`refined`](../how_to/choose_a_method.md) in {_listed(counts)}. With all images of the recording, `refined` "
+        f"is less accurate than that program, or has no result, in {len(whole)} of these {len(best)}.",
         f"{len(results.methods)} rows: {len(results.methods) - len(programs)} of built-in methods, {len(programs)} of "
-        f"other programs. Measured on {date}.",
+        f"other programs. Measured {'on ' if period == dates[0] else ''}{period} on {machines}; the versions are in "
+        f"[a table](#all-methods) below.",
     ]
     missing = sum(len(one.missing) for one in results.methods)
     if missing:
-        lines.insert(
-            0,
-            f"**This measurement is not complete**: {missing} jobs (a method on a case, or on a scene of the gallery) "
-            f"were not measured yet, and are missing below; `make results` continues.",
+        every = len(list_jobs()) * len(results.methods)
+        lines.append(
+            f"**The measurement is not complete**: {missing} of {every} jobs (a method on a case, or on a scene of the "
+            f"gallery) are [not measured yet](#conditions); `make results` continues.",
         )
     return "\n\n".join(lines)
+
+
+def _listed(words: Sequence[str]) -> str:
+    """Return words with commas, and the last one with "and"."""
+    return " and ".join(filter(None, (", ".join(words[:-1]), words[-1]))) if words else "none"
 
 
 def _is_compared(results: Results, value: Value) -> bool:
@@ -213,10 +225,17 @@ def cost_losses(results: Results) -> str:
             if one.group != BUILT_IN and one.cost.get(column, math.inf) < own.get(column, math.nan)
         )
         words = ", ".join(f"{title} ({spelled(value)} {unit})" for value, title in others)
-        few, many = (f"{spelled(one.get(column, math.nan))} {unit}" for one in (own, whole))
-        mine = f"`refined` takes {few} with 4 images and {many} with all"
-        lines.append(f"- **{name.capitalize()}**: {mine}. Less: {words or 'none'}.")
+        few, many = (_measured_cost(one, column, unit) for one in (own, whole))
+        mine = f"`refined` with 4 images: {few}, with all: {many}"
+        unmeasured = [one.title for one in results.methods if one.group != BUILT_IN and column not in one.cost]
+        without = f" Not measured yet: {', '.join(unmeasured)}." if unmeasured else ""
+        less = f" Less: {words or 'none'}." if column in own else ""
+        lines.append(f"- **{name.capitalize()}**: {mine}.{less}{without}")
     return "\n".join(lines)
+
+
+def _measured_cost(cost: Mapping[str, float], column: str, unit: str) -> str:
+    return f"{spelled(cost[column])} {unit}" if column in cost else "not measured yet"
 
 
 def bars_table(results: Results) -> str:
@@ -284,15 +303,32 @@ def made(results: Results) -> str:
         for one in results.methods
         if one.failures
     ]
-    missing = [f"{one.title} {len(one.missing)}" for one in results.methods if one.missing]
-    if missing:
-        failures.insert(0, f"- Not measured yet (`make results` continues): {', '.join(missing)} jobs.")
     lines = [
         f"Processor: {machines}; one thread for each program. The suite and the gallery took {minutes:.0f} min of "
-        f"processor time. Jobs without a result:",
+        f"processor time. Jobs that a program ended without a result:",
         "\n".join(failures) or "none.",
     ]
     return "\n\n".join(lines)
+
+
+def not_measured(results: Results) -> str:
+    """Return the jobs that are not measured yet, by name, and those of which methods."""
+    found: dict[tuple[str, ...], list[str]] = {}
+    for job in dict.fromkeys(name for one in results.methods for name in one.missing):
+        found.setdefault(tuple(one.title for one in results.methods if job in one.missing), []).append(job)
+    if not found:
+        return "All jobs are measured."
+    lines = [
+        [
+            ", ".join(f"`{job}`" for job in jobs),
+            f"all {len(titles)}" if len(titles) == len(results.methods) else "; ".join(titles),
+            str(len(jobs) * len(titles)),
+        ]
+        for titles, jobs in sorted(found.items(), key=lambda each: -len(each[0]))
+    ]
+    total = sum(len(one.missing) for one in results.methods)
+    columns = ("not measured yet", "methods", f"jobs ({total} in all)")
+    return markdown(columns, lines)
 
 
 def _grouped(failures: Mapping[str, str]) -> dict[str, str]:
@@ -386,7 +422,16 @@ def _four(results: Results, scenes: Sequence[str]) -> str:
             pair = f"{spelled(rmse)} / {spelled(median)}"
             cells.append(f"**{pair}**" if rmse == smallest[name] else pair)
         lines.append([_title(str(job), here), *cells])
-    return markdown(("program, options", *(_FOUR_QUANTITIES[name] for name in columns)), lines)
+    table = markdown(("program, options", *(_FOUR_QUANTITIES[name] for name in columns)), lines)
+    return _with_missing(table, frame, scenes)
+
+
+def _with_missing(table: str, frame: pd.DataFrame, scenes: Sequence[str]) -> str:
+    """Return a table, without its heading if it is empty, and the names of the runs that are not measured yet."""
+    there = set(frame["job"])
+    missing = [name.partition(":")[0] for name, job in JOBS.items() if job.scene in scenes and name not in there]
+    words = f"Not measured yet ({len(missing)} runs): {', '.join(missing)}." if missing else ""
+    return "\n\n".join(filter(None, (table if there else "", words)))
 
 
 def _title(job: str, frame: pd.DataFrame) -> str:
@@ -408,9 +453,8 @@ def four_images_star(results: Results) -> str:
         ]
         for row in frame.to_dict("records")
     ]
-    return markdown(
-        ("program, options", "period at 10 % loss, px", "noise of a static pair, px", "product, px²"), lines
-    )
+    columns = ("program, options", "period at 10 % loss, px", "noise of a static pair, px", "product, px²")
+    return _with_missing(markdown(columns, lines), frame, ("star",))
 
 
 def data_links(results: Results) -> str:
@@ -431,6 +475,7 @@ FRAGMENTS: Mapping[str, Callable[[Results], str]] = {
     "methods": methods_table,
     "robustness": robustness_table,
     "made": made,
+    "not-measured": not_measured,
     "cases": cases_table,
     "gallery": gallery_table,
     "settings": settings_table,

@@ -85,6 +85,7 @@ def write_pages(docs: Path) -> list[Path]:
     written = []
     for name, frame in (
         ("losses.csv", results.losses),
+        ("errors.csv", results.relative),
         ("overview.csv", results.overview),
         ("error_bars.csv", results.bars),
     ):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks.dic_challenge.images import SCENE, images_at_rest, noise_of
+from benchmarks.dic_challenge.images import SCENE, images_at_rest, noise_of, strain_field, strain_pair
 from benchmarks.dic_challenge.methods import SETTINGS, displacement, strain_row
 from benchmarks.dic_challenge.rows import region_of, row_of
 from benchmarks.dic_challenge.rules import (
@@ -149,6 +149,37 @@ def test_strain_of_a_wave_is_that_of_its_line_of_least_squares(window: int, peri
     assert np.nanstd(noise) == pytest.approx(expected, rel=0.1)
 
 
+def test_strain_of_a_plane_is_that_of_a_bilinear_fit() -> None:
+    """Programs fit bilinear functions in the window: in a square around its centre, the slope is the same."""
+    displacements = np.random.default_rng(7).normal(size=(81, 9))
+    y, x = (each.ravel() - 2.0 for each in np.indices((5, 5)))
+    fitted = np.linalg.lstsq(
+        np.column_stack([np.ones(25), x, y, x * y]), displacements[38:43, 2:7].ravel(), rcond=None
+    )[0]
+    assert strain_row(displacements, 5)[4] == pytest.approx(fitted[2], rel=1e-12)
+
+
+def test_strained_images_have_the_values_of_the_pattern_at_the_places_before() -> None:
+    rows, columns = np.indices((101, 240), dtype=np.float64)
+
+    def pattern(y: Any, x: Any) -> Any:
+        return 115 + 35 * np.sin(2 * np.pi * (x / 17 + y / 13)) + 35 * np.cos(2 * np.pi * (y / 19 - x / 23))
+
+    periods = periods_px(columns)
+    first, second = strain_pair(np.rint(pattern(rows, columns)))
+    # From a value of y of its own, with another solver, at the places that both images show.
+    for column, row in ((30, 50), (80, 61), (160, 38), (200, 55)):
+        period = periods[0, column]
+        place = brentq(lambda y, p=period, row=row: y + float(strain_field(np.array(y), p)) - (row - 50), -60, 60)
+        inside = slice(column - 1, column + 2)
+        # Rounding and the noise of rounding that is drawn again: 0.4 grey values each, of a pattern of 35.
+        assert second[row, inside] == pytest.approx(pattern(place + 50, columns[row, inside]), abs=2.5)
+    assert (first - pattern(rows, columns)).std() < 1
+    # The derivative along y has the same amplitude at all periods, and it is positive in the centre row.
+    slope = (strain_field(np.array(0.01), periods[0]) - strain_field(np.array(-0.01), periods[0])) / 0.02
+    np.testing.assert_allclose(slope, 0.05, rtol=1e-4)
+
+
 def test_indicator_of_strain_has_the_square_of_the_period() -> None:
     moving, at_rest = averaged(17, 2)
     found = evaluate(moving, at_rest)
@@ -195,12 +226,20 @@ def test_rows_of_points_and_meshes() -> None:
     row = row_of([x, y, 0 * x, 2 * x + 10 * y], shape, mesh=True)
     # Rows 3 and 7 are the neighbours of the centre row 4.
     np.testing.assert_allclose(row[2:15], 2 * np.arange(2, 15) + 40.0, atol=1e-12)
+    for below in (-2, 1, 2):
+        other = row_of([x, y, 0 * x, 2 * x + 10 * y], shape, mesh=True, below=below)
+        np.testing.assert_allclose(other[2:15], row[2:15] + 10 * below, atol=1e-12)
     assert np.isnan(row[15:]).all()
 
 
 def test_a_band_of_one_subset_leaves_the_centre_row() -> None:
-    region = region_of("run_sun_dic", (81, 4000), 21)
+    region = region_of("run_pyvale", (81, 4000), 21)[:, :3000]
     assert np.flatnonzero(region.any(axis=1)).tolist() == list(range(30, 51))
+    wide = region_of("run_pyvale", (81, 4000), 21, 5)[:, :3000]
+    assert np.flatnonzero(wide.any(axis=1)).tolist() == list(range(25, 56))
+    # Its region is that of the centres of subsets.
+    assert np.flatnonzero(region_of("run_sun_dic", (81, 4000), 21).any(axis=1)).tolist() == [40]
+    assert np.flatnonzero(region_of("run_sun_dic", (81, 4000), 21, 2).any(axis=1)).tolist() == list(range(38, 43))
     assert region_of("run_pyvale", (81, 4000), 49)[:, 3500].all()
     assert region_of("run_mudic", (81, 4000), 8).all()
 

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from benchmarks.results import __main__ as command
-from benchmarks.results.comparison import losses, value_of, values
+from benchmarks.results.comparison import losses, relative_values, value_of, values
 from benchmarks.results.contestants import BUILT_IN, CONTESTANTS, PROGRAM, submitted
 from benchmarks.results.data import (
     COLUMNS,
@@ -23,7 +23,9 @@ from benchmarks.results.data import (
     table_of,
     write_method_data,
 )
-from benchmarks.results.fragments import FRAGMENTS
+from benchmarks.results.four_images import COLUMNS as FOUR_COLUMNS
+from benchmarks.results.four_images import JOBS
+from benchmarks.results.fragments import FRAGMENTS, Results
 from benchmarks.results.jobs import Job, list_jobs, measure_jobs, stored_rows
 from benchmarks.results.pages import PAGES, fragments_of, read_results, with_fragments, write_pages
 
@@ -80,6 +82,17 @@ def test_a_program_is_ahead_on_the_levels_that_it_has_and_with_half_of_the_pixel
     assert rows["ratio"].tolist() == pytest.approx([0.25, 0.75])
 
 
+def test_relative_values_are_those_of_medians_of_all_programs() -> None:
+    own = method(
+        "refined_4", BUILT_IN, [("slope", "30", "disparity", 0.1, 80.0), ("slope", "60", "disparity", 0.3, 80.0)]
+    )
+    worse = method("worse", PROGRAM, [("slope", "30", "disparity", 0.5, 40.0)])
+    without = method("without", PROGRAM, [("slope", "30", "disparity", math.nan, 0.0)])
+    (line,) = relative_values([own, worse, without]).to_dict("records")
+    assert (line["program"], line["case"], line["statistic"]) == ("worse", "slope", "rmse")
+    assert [line[name] for name in ("value", "refined_4_value", "ratio")] == pytest.approx([0.5, 0.2, 2.5])
+
+
 def test_a_built_in_method_without_a_result_is_a_loss() -> None:
     own = method("refined_4", BUILT_IN, [("slope", "30", "disparity", math.nan, 0.0)])
     other = method("other", PROGRAM, [("slope", "30", "disparity", 0.4, 90.0)])
@@ -87,6 +100,52 @@ def test_a_built_in_method_without_a_result_is_a_loss() -> None:
     assert (line["program"], line["counts"], math.isnan(line["ratio"])) == ("other", True, True)
     # One that was not measured yet is none.
     assert losses([replace(own, missing=("slope",)), other]).empty
+
+
+def test_missing_jobs_are_named_with_their_methods_and_counted() -> None:
+    own = method("refined_4", BUILT_IN, [("slope", "30", "disparity", 0.1, 80.0)])
+    whole, other = replace(own, key="refined", title="refined"), replace(own, key="other", title="other", group=PROGRAM)
+    gaps = [
+        replace(own, missing=("star", "blur")),
+        replace(whole, missing=("star",)),
+        replace(other, missing=("star",)),
+    ]
+    page = FRAGMENTS["not-measured"](Results(gaps, pd.DataFrame()))
+    assert "| `star` | all 3 | 3 |" in page
+    assert "| `blur` | refined_4 | 1 |" in page
+    assert "jobs (4 in all)" in page
+    assert FRAGMENTS["not-measured"](Results([own, whole, other], pd.DataFrame())) == "All jobs are measured."
+    words = FRAGMENTS["summary"](Results(gaps, pd.DataFrame())).split("\n\n")
+    assert words[0].startswith("With the same four images, at least one other program is more accurate")
+    assert f"4 of {3 * len(list_jobs())} jobs" in words[-1]
+    assert "not complete" not in FRAGMENTS["summary"](Results([own, whole, other], pd.DataFrame()))
+
+
+def test_runs_on_four_images_that_are_not_measured_are_named() -> None:
+    own = method("refined_4", BUILT_IN, [("slope", "30", "disparity", 0.1, 80.0)])
+    empty = pd.DataFrame(columns=list(FOUR_COLUMNS))
+    words = FRAGMENTS["star"](Results([own], empty))
+    names = [name.partition(":")[0] for name, job in JOBS.items() if job.scene == "star"]
+    assert words == f"Not measured yet ({len(names)} runs): {', '.join(names)}."
+    line = {"job": "dis: star", "method": "opencv", "scene": "star", "options": "flow=dis", "quantity": "flow_y"}
+    there = pd.DataFrame([line | {"cutoff_period_first": 70.0, "noise_std": 0.0056}], columns=list(FOUR_COLUMNS))
+    table, words = FRAGMENTS["star"](Results([own], there)).split("\n\n")
+    assert "| OpenCV, `flow=dis` | 70 | 0.0056 | 0.39 |" in table
+    assert words == f"Not measured yet ({len(names) - 1} runs): {', '.join(name for name in names if name != 'dis')}."
+    assert "refined default" in FRAGMENTS["cube"](Results([own], there))
+
+
+def test_costs_that_are_not_measured_say_so() -> None:
+    own = method("refined_4", BUILT_IN, [("slope", "30", "disparity", 0.1, 80.0)])
+    methods = [own, replace(own, key="refined", cost={"processor_s": 3.0, "memory_mb": 400.0})]
+    methods += [replace(own, key="quick", title="quick", group=PROGRAM, cost={"processor_s": 1.0, "memory_mb": 500.0})]
+    methods += [replace(own, key="late", title="late", group=PROGRAM)]
+    time, memory = FRAGMENTS["cost"](Results(methods, pd.DataFrame())).splitlines()
+    assert time == "- **Time**: `refined` with 4 images: not measured yet, with all: 3.0 s. Not measured yet: late."
+    methods[0] = replace(own, cost={"processor_s": 2.0, "memory_mb": 450.0})
+    time, memory = FRAGMENTS["cost"](Results(methods, pd.DataFrame())).splitlines()
+    assert "2.0 s, with all: 3.0 s. Less: quick (1.0 s). Not measured yet: late." in time
+    assert "Less: none." in memory
 
 
 def test_records_become_one_line_for_each_level_and_quantity() -> None:
@@ -158,6 +217,25 @@ def commands_of_page() -> list[list[str]]:
         shlex.split(line) for line in re.findall(r"^    (python -m benchmarks\.results .*)$", HOW_TO, re.MULTILINE)
     ]
     return [words[3:] for words in found]
+
+
+def test_stored_results_become_data_without_a_measurement(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse(*_: Any, **__: Any) -> Any:
+        raise AssertionError("something is measured")
+
+    jobs = _tiny()
+    monkeypatch.setattr(command, "list_jobs", lambda *given: jobs)
+    for name in ("measure_jobs", "cost_of", "make_environment", "measure_four_images"):
+        monkeypatch.setattr(command, name, refuse)
+    monkeypatch.setattr(command, "write_pages", lambda docs: [docs / "index.md"])
+    command.main(["--stored", "--folder", str(tmp_path / "out"), "--docs", str(tmp_path / "docs")])
+    found = read_methods_data(tmp_path / "docs" / "data" / "methods")
+    assert [one.key for one in found] == [one.key for one in CONTESTANTS]
+    assert all(one.missing == tuple(job.name for job in jobs) and not one.cost for one in found)
+    assert (tmp_path / "docs" / "data" / "four_images.csv").read_text().startswith("job,method,")
+    assert "index.md" in capsys.readouterr().out
 
 
 @nightly

@@ -44,6 +44,21 @@ def test_surface_has_the_points_displacements_and_strains(export: Export, truth:
     assert root.find(".//Piece").attrib["NumberOfPoints"] == str(known.sum())  # type: ignore[union-attr]
 
 
+def test_surface_of_an_estimate_has_the_standard_deviations_of_its_displacements(
+    recording: xr.Dataset, truth: xr.Dataset, tmp_path: Path
+) -> None:
+    own, stds = truth.sel(s=0), (0.01, 0.02, 0.05)
+    velocity = own["velocity"].values
+    std = np.where(np.isfinite(velocity), np.reshape(stds, (3, 1, 1, 1)), np.nan)
+    estimate = st.make_estimate(
+        recording=recording, depth=own["depth"].values, velocity=velocity, velocity_std=std, t=own["t"].values
+    )
+    folder = st.export((recording, estimate), "vtu", output=tmp_path / "vtu", window=5, step=2).folder
+    mesh = read_mesh(folder / "s+0_t+0.vtu")
+    found = mesh.point_data["displacement_std [mm]"]
+    np.testing.assert_allclose(found, np.tile(stds, (len(mesh.points), 1)), rtol=1e-6)
+
+
 def test_cells_are_whole_squares_of_one_object(export: Export, truth: xr.Dataset) -> None:
     mesh = read_mesh(export("vtu", **GAUGE).folder / "s+0_t+0.vtu")
     (cells,) = mesh.cells

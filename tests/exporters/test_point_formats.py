@@ -43,7 +43,9 @@ COMMON = {
 
 
 def table(export: Export, format: str, **options: object) -> pd.DataFrame:
-    return pd.read_csv(export(format, **GAUGE, **options).folder / TABLES[format])
+    """Return the points with a result."""
+    found = pd.read_csv(export(format, **GAUGE, **options).folder / TABLES[format])
+    return found if format != "dice" else found[found["SIGMA"] >= 0].reset_index(drop=True)
 
 
 def at_points(maps: xr.DataArray, found: pd.DataFrame) -> np.ndarray:
@@ -91,7 +93,53 @@ def test_image_motion_and_sigma_of_vic_and_dice(export: Export, truth: xr.Datase
         np.testing.assert_array_equal(dice[other], flow[axis])
     assert (vic["sigma [pixel]"] == 0).all()
     assert (dice["STATUS_FLAG"] == 4).all()
-    np.testing.assert_array_equal(dice["SUBSET_ID"], np.arange(len(own)))
+
+
+def test_subsets_of_dice_are_the_same_in_every_frame(recording: xr.Dataset, truth: xr.Dataset, tmp_path: Path) -> None:
+    own, places = truth.sel(s=0), {}
+    hole = np.zeros(own["depth"].shape, bool)
+    hole[1, 10:20, 20:40] = True
+    depth = np.where(hole, np.nan, own["depth"].values)
+    estimate = st.make_estimate(
+        recording=recording, depth=depth, velocity=np.where(hole, np.nan, own["velocity"].values), t=own["t"].values
+    )
+    folder = st.export((recording, estimate), "dice", output=tmp_path / "dice", **GAUGE).folder
+    for number in range(own.sizes["t"]):
+        file = folder / f"DICe_solution_{number}.txt"
+        found = pd.read_csv(file)
+        # NumPy reads every line, which it does not if a cell is empty.
+        assert np.loadtxt(file, delimiter=",", skiprows=1).shape == found.shape
+        place = found[["COORDINATE_X", "COORDINATE_Y"]].to_numpy().astype(int)
+        failed = ~np.isfinite(depth[number, place[:, 1], place[:, 0]])
+        np.testing.assert_array_equal(found["SIGMA"] == -1, failed)
+        np.testing.assert_array_equal(found["STATUS_FLAG"], np.where(failed, 8, 4))
+        for name in ("DISPLACEMENT_X", "MODEL_COORDINATES_Z", "MODEL_DISPLACEMENT_X"):
+            np.testing.assert_array_equal(found[name].isna(), failed)
+        places[number] = found[["SUBSET_ID", "COORDINATE_X", "COORDINATE_Y"]]
+        assert places[number].equals(places[0])
+    assert (place[:, 0] > 0).any()
+    assert places[0]["SUBSET_ID"].is_unique
+
+
+def test_displacements_have_the_standard_deviations_of_the_velocities(
+    recording: xr.Dataset, truth: xr.Dataset, tmp_path: Path
+) -> None:
+    own = truth.sel(s=0)
+    velocity = own["velocity"].values
+    std = np.where(np.isfinite(velocity), np.array([0.01, 0.02, 0.05]).reshape(3, 1, 1, 1), np.nan)
+    estimate = st.make_estimate(
+        recording=recording, depth=own["depth"].values, velocity=velocity, velocity_std=std, t=own["t"].values
+    )
+    for axes, words in (("camera", "axes: X right, Y down, Z forward"), ("y_up", "axes: X right, Y up, Z towards")):
+        done = st.export((recording, estimate), "point_csv", output=tmp_path / axes, axes=axes, **GAUGE)
+        found = pd.read_csv(done.folder / TABLES["point_csv"])
+        for name, expected in zip("UVW", (0.01, 0.02, 0.05), strict=True):
+            np.testing.assert_allclose(found[f"{name}_std [mm]"], expected, rtol=1e-6)
+        assert words in done.notes[0]
+        assert "since=T" in done.notes[1]
+    done = st.export((recording, estimate), "point_csv", output=tmp_path / "since", since=-1, **GAUGE)
+    assert "U_std [mm]" not in pd.read_csv(done.folder / TABLES["point_csv"])
+    assert not any("since=T" in note for note in done.notes)
 
 
 def test_y_upwards_turns_the_frame_by_half_a_turn_about_x(

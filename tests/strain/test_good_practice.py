@@ -48,7 +48,7 @@ def test_fields_follow_from_rig_settings_and_gauge(recording: xr.Dataset, estima
     assert found["Field of view"] == ("8 x 6", "mm")
     assert found["Stereo angle"] == (f"{math.degrees(2 * math.atan(10 / 400)):.3g}", "°")
     assert found["Image acquisition rate"] == ("2", "Hz")
-    assert found["Focal length"] == ("2e+03", "px")
+    assert found["Focal length"] == ("2000", "px")
     length = 4 * 3 + 2 * math.sqrt(math.pi) * 4
     assert found["Virtual strain gauge"] == (f"{length:.3g}", "px")
     assert found["Virtual strain gauge on the object"] == (f"{length / 5:.3g}", "mm")
@@ -84,6 +84,17 @@ def test_table_is_saved_and_read_back(recording: xr.Dataset, estimate: xr.Datase
     table = pd.read_csv(StringIO(report.to_csv()), keep_default_na=False)
     assert table["field"].tolist() == [each.name for each in report.fields]
     assert table["value"].tolist() == [each.value for each in report.fields]
+
+
+def test_medians_are_those_of_all_frames_block_by_block() -> None:
+    """Two frames of more pixels than one block has; two thirds of the valid pixels are in the second one."""
+    shape = (2, 950, 800)
+    recording = st.make_recording(np.zeros((1, *shape), np.uint8), focal_length_px=2000, baseline_mm=10)
+    depth = np.full(shape, 400, np.float32)
+    depth[0, :475] = np.nan
+    depth[0, 475:] = 800
+    found = values(st.report_good_practice(recording, st.make_estimate(recording=recording, depth=depth)))
+    assert found["Stand-off distance"] == ("400", "mm")
 
 
 def test_other_types_are_rejected(recording: xr.Dataset) -> None:

@@ -32,10 +32,10 @@ class Vtu(PointOptions):
 
     ``s+0_t+0.vtu``: quadrilaterals between every ``step``-th pixel with valid depth and motion; points in the world,
     mm. Point data, with units in their names: ``displacement [mm]`` to the next frame, ``exx [1]``, ``eyy [1]``,
-    ``exy [1]``, ``e1 [1]``, ``e2 [1]``, ``angle [deg]``, their standard deviations where stated, ``pixel [px]``, and if
-    available ``depth_std [mm]``, ``growth_rate [1/frame]``. Strain is NaN where too few neighbours are valid. No
-    quadrilateral connects surfaces at a depth step of more than 80°, or two objects of a truth. Numbers are float64.
-    Lost: images, other cameras.
+    ``exy [1]``, ``e1 [1]``, ``e2 [1]``, ``angle [deg]``, ``pixel [px]``, and if available their standard deviations
+    (``exx_std [1]``, ``displacement_std [mm]``), ``depth_std [mm]``, ``growth_rate [1/frame]``. Strain is NaN where too
+    few neighbours are valid. No quadrilateral connects surfaces at a depth step of more than 80°, or two objects of a
+    truth. Numbers are float64. Lost: images, other cameras.
     """
 
     kind: Literal["vtu"] = "vtu"
@@ -50,6 +50,9 @@ class Vtu(PointOptions):
         count, gauge = 0, 0.0
         for t, frame in self.frames(source):
             data = {"displacement [mm]": frame.moved[:, frame.known].T}
+            moved_std = frame.moved_std()
+            if moved_std is not None:
+                data["displacement_std [mm]"] = moved_std[:, frame.known].T
             data |= {f"{name} [1]": frame.strain(name)[frame.known] for name in STRAINS}
             data["angle [deg]"] = np.degrees(frame.strain("angle")[frame.known])
             stated = [f"{name}_std" for name in STRAINS if f"{name}_std" in frame.maps]

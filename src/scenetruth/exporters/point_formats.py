@@ -17,6 +17,9 @@ __all__ = ["DicePoints", "MatchidPoints", "PointCsv", "Vic3dPoints"]
 
 _MEASURES = {"green_lagrange": "Lagrange", "hencky": "Hencky", "engineering": "Engineering"}
 
+_SUCCESSFUL, _FAILED = 4, 8
+"""Status flags of DICe: INITIALIZE_SUCCESSFUL, which its own files have, and CORRELATION_FAILED."""
+
 
 class PointCsv(PointTable):
     """Surface points of the reference camera as tables of comma-separated values, with the unit in every heading.
@@ -24,12 +27,14 @@ class PointCsv(PointTable):
     ``s+0_t+0.csv``: one line for every ``step``-th pixel with valid depth and motion: pixel ``x [px]``, ``y [px]``;
     point ``X [mm]``, ``Y [mm]``, ``Z [mm]`` in the world; displacement ``U [mm]``, ``V [mm]``, ``W [mm]`` to the next
     frame; strain ``exx [1]``, ``eyy [1]``, ``exy [1]`` (the shear of the tensor) in the tangent plane, principal
-    strains ``e1 [1]``, ``e2 [1]`` and ``angle [deg]`` of the first; each with ``_std`` where stated; ``depth_std
-    [mm]``. Strain is empty where too few neighbours are valid. Lost: images, normals, points of other cameras.
+    strains ``e1 [1]``, ``e2 [1]`` and ``angle [deg]`` of the first; displacements and strains with ``_std`` where
+    stated; ``depth_std [mm]``. Strain is empty where too few neighbours are valid. Lost: images, normals, points of
+    other cameras.
     """
 
     kind: Literal["point_csv"] = "point_csv"
     """Name of the format."""
+    missing: ClassVar[str] = ""
     summary: ClassVar[str] = "points, displacements and strains as .csv with units"
 
     def columns(self, frame: SurfaceFrame, source: ExportSource) -> Mapping[str, NDArray[Any]]:
@@ -38,6 +43,9 @@ class PointCsv(PointTable):
         found = {"x [px]": columns, "y [px]": rows}
         found |= {f"{name} [mm]": values for name, values in zip("XYZ", frame.points, strict=True)}
         found |= {f"{name} [mm]": values for name, values in zip("UVW", frame.moved, strict=True)}
+        moved_std = frame.moved_std()
+        if moved_std is not None:
+            found |= {f"{name}_std [mm]": values for name, values in zip("UVW", moved_std, strict=True)}
         found |= {f"{name} [1]": frame.strain(name) for name in STRAINS}
         found["angle [deg]"] = np.degrees(frame.strain("angle"))
         stated = [name for name in STRAINS if f"{name}_std" in frame.maps]
@@ -52,7 +60,7 @@ class Vic3dPoints(PointTable):
 
     ``s+0_t+0.csv``: ``X [mm]``, ``Y [mm]``, ``Z [mm]``, ``U [mm]``, ``V [mm]``, ``W [mm]``; ``exx [1] - Lagrange`` and
     so on for ``eyy``, ``exy``, ``e1``, ``e2``, with the measure in the name; ``gamma [deg]``, the angle of the first
-    principal strain; ``sigma [pixel]``, the standard deviation of disparity in px, 0 for a truth and empty if an
+    principal strain; ``sigma [pixel]``, the standard deviation of disparity in px, 0 for a truth and NaN if an
     estimate does not state it; ``x [pixel]``, ``y [pixel]``, and the displacement in the image ``u [pixel]``,
     ``v [pixel]``. Displacements lead to the next frame unless ``since`` is set. Lost: as for ``point_csv``, and
     standard deviations of strain.
@@ -79,16 +87,18 @@ class DicePoints(PointTable):
 
     ``DICe_solution_0.txt`` and so on, comma-separated, in the order of the frames: ``SUBSET_ID``, ``COORDINATE_X``,
     ``COORDINATE_Y`` in px, ``DISPLACEMENT_X``, ``DISPLACEMENT_Y`` in px to the next frame; ``SIGMA``, the standard
-    deviation of disparity in px (0 for a truth); ``GAMMA``, ``BETA``, ``UNCERTAINTY``, which are empty;
-    ``STATUS_FLAG``, 4 (successful) everywhere; Green-Lagrange strain ``VSG_STRAIN_XX``, ``VSG_STRAIN_YY``,
+    deviation of disparity in px (0 for a truth); ``GAMMA``, ``BETA``, ``UNCERTAINTY``, which are NaN;
+    ``STATUS_FLAG``, 4 (INITIALIZE_SUCCESSFUL); Green-Lagrange strain ``VSG_STRAIN_XX``, ``VSG_STRAIN_YY``,
     ``VSG_STRAIN_XY``; ``MODEL_COORDINATES_X``, ``_Y``, ``_Z`` and ``MODEL_DISPLACEMENT_X``, ``_Y``, ``_Z`` in mm, in
-    the world. Points without a result have no line. Lost: as for ``vic3d``, and principal strains.
+    the world. All files have the same subsets in the same lines; those without a result have ``SIGMA`` -1,
+    ``STATUS_FLAG`` 8 (CORRELATION_FAILED) and NaN. Lost: as for ``vic3d``, and principal strains.
     """
 
     kind: Literal["dice"] = "dice"
     """Name of the format."""
     measure: Literal["green_lagrange"] = "green_lagrange"
     """The strain tensor of DICe."""
+    every_point: ClassVar[bool] = True
     summary: ClassVar[str] = "points, displacements and strains in the columns of DICe"
 
     def columns(self, frame: SurfaceFrame, source: ExportSource) -> Mapping[str, NDArray[Any]]:
@@ -96,20 +106,21 @@ class DicePoints(PointTable):
         columns, rows = frame.pixels()
         flow, empty = frame.image_motion(), np.full(columns.shape, np.nan)
         found: dict[str, NDArray[Any]] = {
-            "SUBSET_ID": np.asarray(np.cumsum(frame.known.ravel()).reshape(columns.shape) - 1),
+            "SUBSET_ID": np.arange(columns.size).reshape(columns.shape),
             "COORDINATE_X": columns,
             "COORDINATE_Y": rows,
-            "DISPLACEMENT_X": flow[0],
-            "DISPLACEMENT_Y": flow[1],
-            "SIGMA": frame.sigma(),
+            "DISPLACEMENT_X": np.where(frame.known, flow[0], np.nan),
+            "DISPLACEMENT_Y": np.where(frame.known, flow[1], np.nan),
+            "SIGMA": np.where(frame.known, frame.sigma(), -1.0),
             "GAMMA": empty,
             "BETA": empty,
-            "STATUS_FLAG": np.full(columns.shape, 4),
+            "STATUS_FLAG": np.where(frame.known, _SUCCESSFUL, _FAILED),
             "UNCERTAINTY": empty,
         }
         found |= {f"VSG_STRAIN_{name[1:].upper()}": frame.strain(name) for name in STRAINS[:3]}
         for what, values in (("COORDINATES", frame.points), ("DISPLACEMENT", frame.moved)):
-            found |= {f"MODEL_{what}_{axis}": each for axis, each in zip("XYZ", values, strict=True)}
+            known = np.where(frame.known, values, np.nan)
+            found |= {f"MODEL_{what}_{axis}": each for axis, each in zip("XYZ", known, strict=True)}
         return found
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:

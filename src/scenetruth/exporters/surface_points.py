@@ -80,6 +80,16 @@ class SurfaceFrame:
         """Return the standard deviation of disparity in px: 0 for a truth, NaN if it is not stated."""
         return np.zeros(self.known.shape) if self._source.is_truth else np.abs(self.map("disparity_std"))
 
+    def moved_std(self) -> Array | None:
+        """Return the standard deviations of the displacements along their axes, mm; None if they are not stated.
+
+        Errors of the components count as independent of each other. Sums over several frames are not stated.
+        """
+        if self._later is not None or self._source.is_truth or "velocity_std" not in self._source.maps:
+            return None
+        axes = compute_pose(self._source, 0, self._t).axes
+        return np.asarray(np.sqrt(np.einsum("ij,jyx->iyx", axes**2, self.map("velocity_std") ** 2)))
+
     def image_motion(self) -> Array:
         """Return the displacements in the image, px, shape (2, y, x)."""
         if self._later is not None:
@@ -158,7 +168,10 @@ class PointOptions(ExportFormat):
             motion = "from frame t to t + 1"
         else:
             motion = "the velocity at frame t over one frame, not a finite displacement"
-        found = [f"{count} points; U, V, W: {motion}; strain gauge {gauge_px:g} px"]
+        axes = "X right, Y down, Z forward" if self.axes == "camera" else "X right, Y up, Z towards the camera"
+        found = [f"{count} points; U, V, W: {motion}; strain gauge {gauge_px:.3g} px; axes: {axes}"]
+        if self.since is None and len(source.frames) > 1:
+            found.append("displacements from one frame of reference, as programs for image correlation state: since=T")
         return found if len(source.views) == 1 else [*found, "only the points of the reference camera (s = 0)"]
 
 
@@ -166,6 +179,10 @@ class PointTable(PointOptions):
     """A table of points for every frame of the reference camera."""
 
     ending: ClassVar[str] = "csv"
+    missing: ClassVar[str] = "NaN"
+    """What stands for a number that does not exist; the functions of NumPy and MATLAB for tables read it."""
+    every_point: ClassVar[bool] = False
+    """Whether points without a result have a line."""
 
     @abstractmethod
     def columns(self, frame: SurfaceFrame, source: ExportSource) -> Mapping[str, NDArray[Any]]:
@@ -177,7 +194,9 @@ class PointTable(PointOptions):
 
         count, gauge = 0, 0.0
         for t, frame in self.frames(source):
-            table = pd.DataFrame({name: values[frame.known] for name, values in self.columns(frame, source).items()})
-            count, gauge = count + len(table), float(frame.maps.attrs["gauge_length_px"])
-            table.to_csv(folder / f"{image_name(0, t)}.{self.ending}", index=False, lineterminator="\n")
+            lines = np.ones_like(frame.known) if self.every_point else frame.known
+            table = pd.DataFrame({name: values[lines] for name, values in self.columns(frame, source).items()})
+            count, gauge = count + int(frame.known.sum()), float(frame.maps.attrs["gauge_length_px"])
+            file = folder / f"{image_name(0, t)}.{self.ending}"
+            table.to_csv(file, index=False, lineterminator="\n", na_rep=self.missing)
         return self.notes(source, gauge, count)

@@ -277,6 +277,7 @@ class PipelineRunner:
     def report(self, method: str, figures: Collection[str] | None = None, figures_also: Collection[str] = ()) -> None:
         """Write figures and report, with errors if there is a truth; ``figures_also``: figure formats besides PNG."""
         from scenetruth.scoring.report.score_report import matches_fingerprint, write_report_with
+        from scenetruth.strain import report_good_practice
 
         files = self.folder.paths(method)
         made_of = self._compute_report_digest(files, figures, figures_also)
@@ -311,6 +312,7 @@ class PipelineRunner:
                 output=made,
                 progress=self.progress,
                 allow_mismatch=True,
+                good_practice=report_good_practice(self.recording, estimated),
                 figures=figures,
                 figure_formats=("png", *figures_also),
                 made_of=made_of,

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from scenetruth.errors import Problem, ScoreError
 from scenetruth.results import Result
 from scenetruth.schema import Intrinsics, read_intrinsics, read_scene
+from scenetruth.scoring.alignment import count_blocks, iterate_blocks
+from scenetruth.scoring.statistics import StreamingQuantiles
 from scenetruth.strain.gauge import MEASURES, read_method_settings, read_subset_px
 
 if TYPE_CHECKING:
@@ -36,7 +40,7 @@ class ReportField:
     name
         Name of the field in the guide of the iDICs.
     value
-        A number with three significant digits or a text; states if it is missing.
+        A number with three significant digits (all digits before the point) or a text; states if it is missing.
     unit
         Its unit; empty for texts.
     source
@@ -165,22 +169,35 @@ def report_good_practice(
 def _median_depth(estimate: xr.Dataset | None, strain: xr.Dataset | None) -> float:
     """Return the median depth of valid pixels in mm; NaN if there are none."""
     if estimate is not None and "depth" in estimate:
-        values = np.asarray(estimate["depth"].values, dtype=np.float64)
-        if "valid" in estimate:
-            values = values[estimate["valid"].values.astype(bool)]
-    elif strain is not None and "point" in strain:
-        values = np.asarray(strain["point"].values[2], dtype=np.float64)
-    else:
-        return math.nan
-    values = values[np.isfinite(values)]
-    return float(np.median(values)) if values.size else math.nan
+        return _median_of(estimate, _valid_depth)
+    return _median(strain["point"].values[2]) if strain is not None and "point" in strain else math.nan
+
+
+def _valid_depth(part: xr.Dataset) -> NDArray[np.float64]:
+    values = part["depth"].values.astype(np.float64)
+    return values[part["valid"].values.astype(bool)] if "valid" in part else values
+
+
+def _velocity_std(component: int, part: xr.Dataset) -> NDArray[np.float64]:
+    return np.asarray(part["velocity_std"].values[component], dtype=np.float64)
+
+
+def _median_of(estimate: xr.Dataset, values: Callable[[xr.Dataset], NDArray[np.float64]]) -> float:
+    """Return the median of the finite values of all frames, block by block; NaN if there are none."""
+    found = StreamingQuantiles(single=count_blocks(estimate) == 1)
+    for part in iterate_blocks(estimate):
+        block = np.asarray(values(part), dtype=np.float64)
+        found.add(block[np.isfinite(block)])
+    return found.at([50])[0]
 
 
 def _text(value: Any, missing: str = NOT_STATED) -> str:
-    """Return a number with three significant digits, or a text; ``missing`` for None and NaN."""
+    """Return a number with three significant digits, or all before the point; ``missing`` for None and NaN."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return missing
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    if not isinstance(value, float):
+        return str(value)
+    return f"{value:.0f}" if 1000 <= abs(value) < 1e9 else f"{value:.3g}"
 
 
 def _imaging(recording: xr.Dataset, depth: float) -> Iterator[ReportField]:
@@ -321,11 +338,12 @@ def _noise_floors(
     stated = estimate if estimate is not None and "velocity_std" in estimate else None
     scale = read_intrinsics(recording).focal_length_px / depth
     for k, name in enumerate("UVW"):
-        value = math.nan if stated is None else _median(stated["velocity_std"].values[k])
+        value = math.nan if stated is None else _median_of(stated, partial(_velocity_std, k))
         yield field(f"Displacement {name} per frame", value, "mm", _NOT_ESTIMATED, of_estimate)
         if name != "W":
             yield field(f"Displacement {name} per frame in the image", value * scale, "px", _NOT_ESTIMATED, of_estimate)
-    value = _median(estimate["depth_std"].values) if estimate is not None and "depth_std" in estimate else math.nan
+    stated = estimate if estimate is not None and "depth_std" in estimate else None
+    value = math.nan if stated is None else _median_of(stated, lambda part: part["depth_std"].values)
     yield field("Depth", value, "mm", _NOT_ESTIMATED, of_estimate)
     for name in ("exx", "eyy", "exy"):
         has = strain is not None and f"{name}_std" in strain

@@ -14,10 +14,12 @@ import pytest
 from PIL import Image
 
 from scenetruth.cli.console import print_score
+from scenetruth.errors import ScoreError
 from scenetruth.number_format import format_number, format_percent_value
 from scenetruth.schema import STATUS_VALID
 from scenetruth.scoring import COMMON_STATISTICS, FIGURES, QUANTITIES, Score, score, write_report
 from scenetruth.scoring.report import build_score_content, describe_maps
+from scenetruth.strain import report_good_practice
 from tests.helpers.nightly import nightly
 from tests.helpers.page_words import without_definitions
 from tests.helpers.synthetic_case import HELD, OF_ERRORS, Case, Drawn, make_case, make_growing_case, with_outliers
@@ -317,3 +319,28 @@ def test_growth_is_reported_where_it_is_scored(tmp_path: Path) -> None:
             assert format_number(result.regions[region][name]["rmse"]) in reader.text
     assert "Gaussian weights of 6 px" in text
     assert {path.name for path in (tmp_path / "figures").iterdir()} == {"image.png", "growth_rate.png"}
+
+
+def test_fields_of_good_practice_have_a_table_where_they_are_given(tmp_path: Path) -> None:
+    case = make_case()
+    practice = report_good_practice(case.recording, case.estimate)
+    parts = (case.estimate, case.truth, case.recording)
+    page = write_report(*parts, output=tmp_path / "with", figures=ONE, good_practice=practice).read_text()
+    table = re.search(r'<table class="stack" id="practice-table">.*?</table>', page, re.DOTALL)
+    assert table is not None
+    reader = Reader()
+    reader.feed(without_definitions(table[0]))
+    words = [word.strip() for word in reader.text if word.strip()]
+    for each in practice.fields:
+        place = words.index(each.name)
+        cells = [word for word in (each.name, each.value, each.unit, each.source) if word]
+        assert words[place : place + len(cells)] == cells
+    assert [word for word in words if word in ("Imaging", "Analysis", "Noise floor")] == [
+        "Imaging",
+        "Analysis",
+        "Noise floor",
+    ]
+    assert "practice-table" not in write_report(*parts, output=tmp_path / "without", figures=ONE).read_text()
+    for wrong in ({"Lens": "50 mm"}, score(case.estimate, case.truth)):
+        with pytest.raises(ScoreError, match="good_practice: must be a GoodPracticeReport"):
+            write_report(*parts, output=tmp_path / "wrong", figures=ONE, good_practice=wrong)  # type: ignore[arg-type]

@@ -18,6 +18,7 @@ from scenetruth.html import template_environment
 from scenetruth.number_format import flatten, format_count, format_number, format_percent_value, humanise
 from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
+from scenetruth.results import Result
 from scenetruth.schema import check_same_run, read_intrinsics, read_scene
 from scenetruth.scoring.figures import FigureInfo, plot_all
 from scenetruth.scoring.report.report_content import (
@@ -50,6 +51,7 @@ def write_report(
     figures: Collection[str] | None = None,
     figure_formats: Sequence[str] = ("png",),
     allow_mismatch: bool = False,
+    good_practice: Result | None = None,
     progress: Progress | None = None,
 ) -> Path:
     """Write a report of an estimate: one HTML page with its statistics, figures and maps.
@@ -77,6 +79,8 @@ def write_report(
         Formats of the figures: ``"png"``, which the page requires, and ``"pdf"``.
     allow_mismatch
         Whether the data sets and the score may belong to different recordings.
+    good_practice
+        The fields that a report of image correlation states, from `report_good_practice`; default: no table of them.
     progress
         Called as ``progress("report", done, total)``, in figures.
 
@@ -124,6 +128,7 @@ def write_report(
         figures=figures,
         figure_formats=figure_formats,
         allow_mismatch=allow_mismatch,
+        good_practice=good_practice,
         progress=progress,
     )
 
@@ -138,6 +143,7 @@ def write_report_with(
     figures: Collection[str] | None = None,
     figure_formats: Sequence[str] = ("png",),
     allow_mismatch: bool = False,
+    good_practice: Result | None = None,
     progress: Progress | None = None,
     made_of: str = "",
     elsewhere: Callable[[str], Future[FigureInfo | None]] | None = None,
@@ -151,6 +157,8 @@ def write_report_with(
     ]
     if score is not None and not isinstance(score, Score):
         wrong.append(Problem("score", "must be a Score", type(score).__name__))
+    practice, unsuitable = _practice_rows(good_practice)
+    wrong += unsuitable
     wrong += argument_problems(progress)
     if wrong:
         raise ScoreError(wrong)
@@ -174,7 +182,8 @@ def write_report_with(
     )
     viewer = build_viewer(recording, estimate, truth, score)
     page = target / "report.html"
-    page.write_text(_render(recording, estimate, score, drawn, target / "figures", made_of, viewer), encoding="utf-8")
+    rendered = _render(recording, estimate, score, drawn, target / "figures", made_of, viewer, practice)
+    page.write_text(rendered, encoding="utf-8")
     return page
 
 
@@ -195,6 +204,7 @@ def _render(
     folder: Path,
     made_of: str,
     viewer: Viewer,
+    practice: Sequence[Mapping[str, Any]],
 ) -> str:
     environment = template_environment("scenetruth.scoring.report")
     environment.filters |= {"number": format_number, "percent": format_percent_value, "count": format_count}
@@ -208,6 +218,7 @@ def _render(
         name=(scene or {}).get("description"),
         notices=list(_notices(metadata)),
         figures=[(figure, *inline_picture(folder / figure.file)) for figure in figures],
+        practice=practice,
         metadata=list(_metadata_rows(recording, estimate, score)),
         scene=None if scene is None else json.dumps(scene, indent=2, ensure_ascii=False),
         viewer_data=json_for_script(viewer.plain),
@@ -231,6 +242,22 @@ def _content_without_truth(estimate: xr.Dataset) -> dict[str, Any]:
     # Growth is a small difference of large numbers: without a standard deviation, it may be noise.
     cards = [one for name, one in found.items() if name != "growth_rate" or one.median_std is not None]
     return {"rows": list(found.values()), "cards": cards, "sentences": summarise_estimate(found)}
+
+
+_PRACTICE_COLUMNS = ("group", "field", "value", "unit", "source")
+
+
+def _practice_rows(good_practice: Result | None) -> tuple[list[dict[str, Any]], list[Problem]]:
+    """Return the fields of good practice by group, or the problem with them."""
+    if good_practice is None:
+        return [], []
+    wanted = "must be a GoodPracticeReport"
+    if not isinstance(good_practice, Result):
+        return [], [Problem("good_practice", wanted, type(good_practice).__name__)]
+    table = good_practice.to_dataframe()
+    if tuple(table.columns) != _PRACTICE_COLUMNS:
+        return [], [Problem("good_practice", wanted, type(good_practice).__name__)]
+    return [dict(zip(_PRACTICE_COLUMNS, row, strict=True)) for row in table.itertuples(index=False)], []
 
 
 def _notices(metadata: Mapping[str, Any]) -> Iterator[str]:
