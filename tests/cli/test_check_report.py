@@ -82,6 +82,26 @@ def test_check_names_lamps_bands_and_the_renderer(changes: list[str], messages: 
         assert each in words
 
 
+def test_check_names_the_renderer_of_gloss() -> None:
+    """Without a lamp with a size: the material alone."""
+    changes = ["lighting.ambient=0.3", "objects.0.material={preset: wheat_leaf}", "render.backend=pyrender"]
+    done = scenetruth("check", SCENES / "cube.yaml", *(word for each in changes for word in ("--set", each)))
+    assert done.returncode == 0, done.stderr
+    words = " ".join(done.stdout.replace("│", " ").split())
+    assert "rendering textures by OpenGL; light, shadows and gloss by ray casting" in words
+    assert "note: errors by highlights are not included: cube" in words
+
+
+@pytest.mark.parametrize("command", ["check", *by_night("render", "run")])
+def test_opengl_refuses_bands_before_work_starts(command: str, tmp_path: Path) -> None:
+    output = [] if command == "check" else ["-o", str(tmp_path / "out")]
+    changes = ["camera.bands=[red, nir_850]", "render.backend=pyrender"]
+    done = scenetruth(command, SCENES / "cube.yaml", *output, *(word for each in changes for word in ("--set", each)))
+    assert done.returncode == 2
+    assert "render.backend: OpenGL cannot render bands; use raycast or auto (got 'pyrender')" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("command", ["check", "render", "run"])
 def test_bounds_are_kept_by_every_command_and_limits_allow_more(command: str, tmp_path: Path) -> None:
     output = [] if command == "check" else ["-o", str(tmp_path / "out")]

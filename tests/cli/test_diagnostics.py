@@ -57,6 +57,7 @@ def test_missing_packages_and_processes_that_die_are_told(tmp_path: Path, monkey
 def test_only_ray_casting_is_needed() -> None:
     findings = check_rendering(WORKS)
     assert set(states(findings).values()) == {"ok"}
+    assert "OpenGL leaves light, gloss, bands and lens distortion to it" in findings[0].message
     one_less = check_rendering({**WORKS, "egl": (False, "no driver")})
     assert states(one_less)["pyrender (egl)"] == "missing"
     assert [one.remedy for one in one_less] == ["", "", ""]

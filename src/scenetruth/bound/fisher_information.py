@@ -263,14 +263,25 @@ GROWTH_BIAS = "growth_bias"
 
 
 def compute_window_deviations(
-    sums: Sums, squares: Sums, points: ReferencePoints, intrinsics: Intrinsics, model: WindowUnknowns, *, biased: bool
+    sums: Sums,
+    squares: Sums,
+    points: ReferencePoints,
+    intrinsics: Intrinsics,
+    model: WindowUnknowns,
+    *,
+    biased: bool,
+    disturbed: Map | None = None,
 ) -> dict[str, Map]:
     """Return the standard deviations of all quantities of windows.
 
     ``sums``, ``squares``: As in `WindowSums`. ``biased``: Whether to add the bias of the growth rate, `GROWTH_BIAS`.
+    ``disturbed``: Mean products of further errors of the normal equations, by pairs of parameters, shape
+    (parameters, parameters, n).
     """
     columns = compute_columns(model, points)
     normal, scatter = (normal_matrix(each, columns, model) for each in (sums, squares))
+    if disturbed is not None:
+        scatter += _of_unknowns(disturbed, columns)
     entries = compute_functionals(points, intrinsics, model)
     std = np.sqrt(compute_variances(normal, scatter, columns, list(entries.values())))
     found = add_error_products(dict(zip(entries, std, strict=True)))
@@ -280,6 +291,15 @@ def compute_window_deviations(
         true: Vector = [(MOTION + 3 * k + 1 + side, slopes[side][k]) for side in range(2) for k in range(3)]
         whole = normal_matrix(sums, [*columns, true], model)
         found[GROWTH_BIAS] = compute_bias(whole, columns, true, entries["growth_rate"])
+    return found
+
+
+def _of_unknowns(products: Map, columns: Columns) -> Map:
+    """Return products by pairs of unknowns, from those by pairs of parameters."""
+    found = np.zeros((len(columns), len(columns), products.shape[-1]))
+    for i, one in enumerate(columns):
+        for j, other in enumerate(columns):
+            found[i, j] = sum(a * b * products[p, q] for p, a in one for q, b in other)
     return found
 
 

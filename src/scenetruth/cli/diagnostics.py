@@ -322,7 +322,7 @@ def render_alone(name: str) -> tuple[bool, str]:
 def check_rendering(answers: Mapping[str, tuple[bool, str]]) -> list[DoctorCheck]:
     """Return the working renderers, from the answers of `render_alone`."""
     rendered, text = answers["raycast"]
-    text += "; renders all scenes: OpenGL leaves light, bands and lens distortion to it" if rendered else ""
+    text += "; renders all scenes: OpenGL leaves light, gloss, bands and lens distortion to it" if rendered else ""
     remedy = "" if rendered else "pip install --force-reinstall embreex"
     found = [DoctorCheck("rendering", "raycast", "ok" if rendered else "broken", text, remedy, needed=True)]
     opengl = [name for name in RENDERERS if name != "raycast"]

@@ -110,6 +110,11 @@ class Material(FrozenModel):
         plain = self.refractive_index == 1.0 and self.metallic == 0.0 and self.transmittance == 0.0
         return plain and self.reflectance == 1.0 and not self.from_file
 
+    @property
+    def glossy(self) -> bool:
+        """Whether the surface shows highlights, or may show them because the mesh file defines its material."""
+        return self.refractive_index > 1.0 or self.metallic > 0.0 or self.from_file
+
 
 MATT = Material()
 """Surface without gloss and transmission."""

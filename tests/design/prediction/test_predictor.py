@@ -173,14 +173,25 @@ def test_what_is_left_out_is_told() -> None:
     assert "stage errors" in notes
 
 
-def test_materials_and_sizes_of_lamps_are_not_predicted() -> None:
+def test_light_that_is_not_predicted_is_noted_with_the_objects() -> None:
     lamp = {"kind": "sphere", "position_mm": [0, -200, 300], "radius_mm": 5, "irradiance": 0.8}
     lit = {"ambient": 0.2, "lights": [lamp | {"reference_distance_mm": 300}]}
-    glossy = wall()["objects"][0] | {"material": {"refractive_index": 1.5, "roughness": 0.2}}
-    notes = predict(wall(objects=[glossy], lighting=lit)).notes
-    assert "surfaces with a material are predicted as matt: wall" in notes
-    assert "lamps with a size are predicted as small lamps at their centres" in notes
+    scene = Scene.from_dict(
+        wall(
+            objects=[wall()["objects"][0] | {"material": {"refractive_index": 1.5, "roughness": 0.2}}],
+            lighting=lit,
+        )
+    )
+    quick = predict_quickly(scene, limited_objects(scene, st.Limits()), "refined").notes
+    assert "surfaces with a material are predicted as matt: wall" in quick
+    assert "lamps with a size are predicted as small lamps at their centres" in quick
+    highlights = "errors by highlights are not included: wall"
+    assert highlights in quick
+    assert predict(scene, method="refined").notes == ("shadows are not included",)
+    assert highlights in predict(scene, method="structure_tensor").notes
     assert not any("matt" in note or "size" in note for note in predict(wall(lighting={"ambient": 0.2})).notes)
+    maps = predict(scene, method="refined", model="maps").notes
+    assert maps == ("errors by shadows that move over surfaces are not included",)
 
 
 @pytest.mark.parametrize("file", ["cube", "plane", "relief"])

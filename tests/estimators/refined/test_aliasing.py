@@ -143,4 +143,6 @@ def test_uncertainty_includes_the_bias_of_demosaicing(wavelengths: Any, colour: 
     scaled = ((estimate["disparity"] - 0.3) / estimate["disparity_std"]).isel(inner)
     assert float(estimate["valid"].isel(inner).mean()) > 0.9
     # All errors are biases of one sign; amplitudes are those before interpolation, which removes a part of the aliases.
-    assert 0.3 < float(np.sqrt((scaled**2).mean())) < 1.1
+    # Three draws of the waves gave 0.65 to 0.84, and 1.23 in single windows.
+    assert 0.5 < float(np.sqrt((scaled**2).mean())) < 1.0
+    assert float(np.abs(scaled).max()) < 1.5

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,18 +27,34 @@ from scenetruth.errors import Problem, SceneError
 from scenetruth.resources import ObjectWorkload
 from scenetruth.scene import Scene
 
-__all__ = ["predict_analytic"]
+__all__ = ["AS_MATT", "NO_SHADOWS", "PointErrors", "predict_analytic", "predict_with_highlights"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _MOST_NAMES = 3
+NO_SHADOWS, AS_MATT = "shadows are not included", "surfaces with a material are predicted as matt"
+"""Notes on light that only images include."""
 _S_PER_H = 3600.0
 _LARGE_BIAS = 0.3  # relative to the standard deviation: a smaller bias hardly changes the RMSE
 # Quintic splines attenuate a wave of 3 px by 1.5 % and add an equally strong alias. Errors on a cube with 45 % of its
 # squared gradients in shorter waves are 2.2 times the prediction; with 21 % they agree within the scatter of seeds.
 _FINE_PX, _MUCH_FINE = 3.0, 0.35
 _MOST_BLUR, _RESTS_PX = 0.95, 1e-6  # evaluated over moving points only: a static background is not blurred
+
+
+@dataclass(frozen=True, eq=False)
+class PointErrors:
+    """Variances by highlights of the quantities at surface points.
+
+    ``x``, ``y``: Image positions from the principal point, px. ``variances``: By the names of `compute_functionals`.
+    """
+
+    x: Array
+    y: Array
+    body: NDArray[np.int64]
+    names: tuple[str, ...]
+    variances: Mapping[str, Array]
 
 
 def predict_analytic(
@@ -51,13 +67,29 @@ def predict_analytic(
     *,
     painting: bool = True,
 ) -> Prediction:
-    """Predict the precision of a scene from surface samples and spectra; see `predict`.
+    """Predict the precision of a scene from surface samples and spectra; see `predict_with_highlights`."""
+    return predict_with_highlights(scene, method, window_sigma_px, motion, parts, folder, painting=painting)[0]
+
+
+def predict_with_highlights(
+    scene: Scene,
+    method: str,
+    window_sigma_px: float | None,
+    motion: MotionChoice | None,
+    parts: Sequence[ObjectWorkload],
+    folder: Path = Path(),
+    *,
+    painting: bool = True,
+) -> tuple[Prediction, PointErrors | None]:
+    """Predict the precision of a scene from surface samples and spectra, and the errors by highlights, if any.
 
     Without ``painting``, approximate spectra are used, objects without a spectrum are omitted, and no code is compiled.
     """
     scene.require_grey("a prediction")
     setup = prepare_method(scene, method, window_sigma_px, motion)
     look = sample_surface(setup.scene, parts, folder)
+    if painting and len(look) and _reflects(scene):
+        look = _with_reflection(setup.scene, look, parts, folder)
     unknown: list[str] = []
     if not painting:
         kinds = {part.item.name: part.item.texture.kind for part in parts}
@@ -92,12 +124,46 @@ def predict_analytic(
         region: _summarise_inputs(setup, entries, seen.blur_px, mask, look.share) for region, mask in regions.items()
     }
     notes = (
-        *_notes(scene, look, unknown, painting=painting),
+        *_notes(scene, look, method, unknown, painting=painting),
         *_too_fine(look, seen),
         *_describe_eigenvalue_bias(deviations, look, interval),
     )
     shares = _compute_bias_shares(deviations, regions, look.share)
-    return Prediction("analytic", method, tuple(regions), interval, figures, causes, None, notes, cost, shares)
+    made = Prediction("analytic", method, tuple(regions), interval, figures, causes, None, notes, cost, shares)
+    return made, _highlight_errors(method, setup, look, seen, deviations)
+
+
+def _highlight_errors(
+    method: str, setup: MethodSetup, look: SurfaceSamples, seen: ImagedTexture, deviations: Mapping[str, Array]
+) -> PointErrors | None:
+    """Return what highlights add to the variances at points; None without glossy surfaces."""
+    if look.reflection is None or not look.reflection.glossy[look.body].any():
+        return None
+    with np.errstate(all="ignore"):
+        plain = all_method_models()[method].from_spectrum(setup, replace(look, reflection=None), seen)
+        added = {
+            name: np.maximum(values**2 - plain[name] ** 2, 0.0) for name, values in deviations.items() if name in plain
+        }
+    return PointErrors(look.points.x, look.points.y, look.body, look.names, added)
+
+
+def _reflects(scene: Scene) -> bool:
+    """Return whether the light on surfaces depends on materials or the size of lamps."""
+    lighting = scene.lighting
+    return lighting.lit and (lighting.has_areas or any(not item.material.matt for _, item in scene.parts))
+
+
+def _with_reflection(
+    scene: Scene, look: SurfaceSamples, parts: Sequence[ObjectWorkload], folder: Path
+) -> SurfaceSamples:
+    """Return points with the light of materials and lamps with a size, by the code that renders images."""
+    from scenetruth.design.prediction.surface_light import SurfaceLight
+
+    reflection = SurfaceLight(scene, parts, folder)
+    factor, gloss = reflection.at(look.points.x, look.points.y)
+    known = np.isfinite(factor)
+    light, gloss = np.where(known, factor, look.light), np.where(known, gloss, 0.0)
+    return replace(look, light=light, gloss=gloss, reflection=reflection)
 
 
 def _compute_bias_shares(std: Mapping[str, Array], regions: Mapping[str, Mask], share: Array) -> dict[str, float]:
@@ -180,12 +246,16 @@ def _summarise_inputs(
     )
 
 
-def _notes(scene: Scene, look: SurfaceSamples, unknown: Sequence[str], *, painting: bool) -> tuple[str, ...]:
+def _notes(
+    scene: Scene, look: SurfaceSamples, method: str, unknown: Sequence[str], *, painting: bool
+) -> tuple[str, ...]:
     """Return the effects that are not included in a prediction."""
     seen = {look.names[number] for number in np.unique(look.body)}
     shown = [item for _, item in scene.parts if item.name in seen]
     veined = [item.name for item in shown if not _is_exact(item.texture.kind)]
-    coated = [item.name for item in shown if not item.material.matt]
+    coated = [item.name for item in shown if not item.material.matt and (not painting or item.material.from_file)]
+    predicted = painting and method == "refined"
+    glossy = [item.name for item in shown if item.material.glossy and (item.material.from_file or not predicted)]
     lighting = scene.lighting
     found: Mapping[str, bool] = {
         f"omitted, because their files are slow to read: {', '.join(look.left_out)}": bool(look.left_out),
@@ -194,9 +264,10 @@ def _notes(scene: Scene, look: SurfaceSamples, unknown: Sequence[str], *, painti
         and not painting,
         "lens distortion is not included": scene.camera.distortion is not None,
         "stage errors are not included": bool(scene.stage.stated_tolerances()) or scene.stage.errors is not None,
-        "shadows are not included": lighting.lit and lighting.shadows and bool(lighting.lights),
-        f"surfaces with a material are predicted as matt: {_listed(coated)}": lighting.lit and bool(coated),
-        "lamps with a size are predicted as small lamps at their centres": lighting.has_areas,
+        NO_SHADOWS: lighting.lit and lighting.shadows and bool(lighting.lights),
+        f"{AS_MATT}: {_listed(coated)}": lighting.lit and bool(coated),
+        "lamps with a size are predicted as small lamps at their centres": lighting.has_areas and not painting,
+        f"errors by highlights are not included: {_listed(glossy)}": lighting.lit and bool(glossy),
     }
     return tuple(words for words, holds in found.items() if holds)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.bound.unknowns import MotionChoice
+from scenetruth.design.prediction.analytic_prediction import AS_MATT, NO_SHADOWS, PointErrors
 from scenetruth.design.prediction.method_models import MethodSetup, all_method_models, prepare_method
 from scenetruth.design.prediction.prediction_result import Prediction
 from scenetruth.design.prediction.reference_render import ReferenceRender, render_reference
@@ -21,6 +23,7 @@ __all__ = ["predict_maps"]
 Array = NDArray[np.float64]
 
 _NO_INFORMATION_PX = 1e3
+_NEAR_POINTS = 4  # points of which the variances by highlights at a pixel are a mean
 _DIMS = {
     "slope": "slope_component",
     "flow": "image_component",
@@ -39,9 +42,17 @@ _UNITS = {
 
 
 def predict_maps(
-    scene: Scene, method: str, window_sigma_px: float | None, motion: MotionChoice | None, envelope: Prediction
+    scene: Scene,
+    method: str,
+    window_sigma_px: float | None,
+    motion: MotionChoice | None,
+    envelope: Prediction,
+    highlights: PointErrors | None = None,
 ) -> Prediction:
-    """Predict the precision of a scene from a noise-free image; see `predict`."""
+    """Predict the precision of a scene from a noise-free image; see `predict`.
+
+    ``highlights``: Variances by highlights at points, which are added.
+    """
     setup = prepare_method(scene, method, window_sigma_px, motion)
     frames = setup.scene.frames.model_copy(update={"count": len(np.unique(setup.views.t))})
     # With a rolling shutter, rows would have to be rendered separately.
@@ -53,6 +64,8 @@ def predict_maps(
     std = _without_rounding(std)
     truth = made.truth.sel(t=0)
     body = np.where(np.isfinite(truth["depth"].values), truth["object_id"].values, -1).astype(np.int64)
+    if highlights is not None:
+        std = _with_highlights(std, highlights, made.names, body, scene.camera.principal_point)
     interior = truth["boundary_distance"].values >= scene.score.interior_margin_px
     with np.errstate(divide="ignore", invalid="ignore"):
         slopes = -truth["normal"].values[:2] / truth["normal"].values[2]
@@ -70,7 +83,47 @@ def predict_maps(
         precisions=figures,
         by_region=causes,
         maps=_maps(std, truth, envelope, made),
+        notes=tuple(_notes_of_images(envelope.notes)),
     )
+
+
+def _notes_of_images(notes: Sequence[str]) -> Iterator[str]:
+    """Yield the effects that a rendered image and its truth do not include either."""
+    for note in notes:
+        if note == NO_SHADOWS:
+            yield "errors by shadows that move over surfaces are not included"
+        elif not note.startswith(AS_MATT):
+            yield note
+
+
+def _with_highlights(
+    std: dict[str, Array],
+    highlights: PointErrors,
+    names: Sequence[str],
+    body: NDArray[np.int64],
+    centre: tuple[float, float],
+) -> dict[str, Array]:
+    """Return maps with the variances by highlights of the nearest points on the same object."""
+    from scipy.spatial import cKDTree
+
+    found = {name: values**2 for name, values in std.items()}
+    for number, name in enumerate(highlights.names):
+        rows, columns = np.nonzero(body == list(names).index(name))
+        own = np.flatnonzero(highlights.body == number)
+        if not len(own) or not len(rows):
+            continue
+        points = np.column_stack([highlights.x[own] + centre[0], highlights.y[own] + centre[1]])
+        distance, near = cKDTree(points).query(np.column_stack([columns, rows]), k=min(_NEAR_POINTS, len(own)))
+        distance, near = distance.reshape(len(rows), -1), near.reshape(len(rows), -1)
+        for quantity, values in found.items():
+            given = highlights.variances.get(quantity)
+            if given is None:
+                continue
+            variance = given[own][near]
+            weights = np.where(np.isfinite(variance), 1.0 / np.maximum(distance, 1.0), 0.0)
+            total = np.maximum(weights.sum(axis=1), 1e-300)
+            values[rows, columns] += (weights * np.nan_to_num(variance, posinf=0.0)).sum(axis=1) / total
+    return {name: np.sqrt(values) for name, values in found.items()}
 
 
 def _without_rounding(std: dict[str, Array]) -> dict[str, Array]:

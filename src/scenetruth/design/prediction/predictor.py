@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from scenetruth.bound.unknowns import MotionChoice
-from scenetruth.design.prediction.analytic_prediction import predict_analytic
+from scenetruth.design.prediction.analytic_prediction import predict_analytic, predict_with_highlights
 from scenetruth.design.prediction.prediction_result import Model, PredictedValue, Prediction, write_prediction
 from scenetruth.design.prediction.texture_spectra import analytic_spectra
 from scenetruth.errors import ArgumentError, Problem
@@ -258,12 +258,12 @@ def predict(
         spec = MethodSpec(spec.method, {**spec.settings, **(settings or {})})
         known = known.model_copy(update={"estimate": spec.choice(known.estimate)})
     name = known.estimate.method
-    made = predict_analytic(known, name, window_sigma_px, motion, parts)
+    made, highlights = predict_with_highlights(known, name, window_sigma_px, motion, parts)
     if model == "maps":
         # Compiled code is loaded only for this model.
         from scenetruth.design.prediction.map_prediction import predict_maps
 
-        made = predict_maps(known, name, window_sigma_px, motion, made)
+        made = predict_maps(known, name, window_sigma_px, motion, made, highlights)
     if output is not None:
         write_prediction(made, Path(output), overwrite=overwrite)
     return made

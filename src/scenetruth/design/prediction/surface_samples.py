@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ from scenetruth.scene.mesh import TriangleMesh
 from scenetruth.scene.motion import PointMap
 from scenetruth.scene.reference_configuration import ReferenceConfiguration, make_reference_configuration
 from scenetruth.scene.vertex_animation import VertexModel
+
+if TYPE_CHECKING:
+    from scenetruth.design.prediction.surface_light import SurfaceLight
 
 __all__ = ["SurfaceSamples", "label_patches", "rasterise", "sample_surface"]
 
@@ -139,13 +142,15 @@ class SurfaceSamples:
     names: tuple[str, ...]
     share: Array  # image pixels represented by each point
     chart: Array  # derivative of surface coordinates in mm by px along x and y, shape (n, 2, 2)
-    light: Array  # ratio of radiance to texture value
+    light: Array  # derivative of radiance by texture value
+    gloss: Array  # radiance that does not depend on the texture
     growth: Array  # per frame
     principal_growth_rates: Array  # per frame, shape (2, n)
     piece: Numbers  # raster of segment labels
     step_px: float  # spacing of the raster in camera pixels
     first_px: tuple[float, float]  # position (x, y) of its first pixel from the principal point
     left_out: tuple[str, ...]  # names of omitted objects, whose files are slow to read
+    reflection: SurfaceLight | None = None  # light of materials and lamps with a size; None if surfaces count as matt
 
     def __len__(self) -> int:
         return len(self.body)
@@ -165,7 +170,7 @@ class SurfaceSamples:
     def of(self, bodies: Sequence[int]) -> SurfaceSamples:
         """Return the points of the given objects."""
         kept = np.isin(self.body, bodies)
-        names = ("depth_mm", "normals", "body", "share", "chart", "light", "growth")
+        names = ("depth_mm", "normals", "body", "share", "chart", "light", "gloss", "growth")
         parts: dict[str, Any] = {name: getattr(self, name)[kept] for name in names}
         parts["principal_growth_rates"] = self.principal_growth_rates[:, kept]
         return replace(self, points=self.points.at((np.flatnonzero(kept),)), **parts)
@@ -273,6 +278,7 @@ def sample_surface(scene: Scene, parts: Sequence[ObjectWorkload], folder: Path =
         share=share * step**2,
         chart=chart,
         light=light,
+        gloss=np.zeros_like(light),
         growth=growth,
         principal_growth_rates=principal,
         piece=piece,

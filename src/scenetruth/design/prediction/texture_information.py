@@ -47,6 +47,8 @@ class ImagedTexture:
     response: Array  # of the derivatives along x and y to each wave, in radian per px, shape (n, w, 2)
     level: Array  # mean grey value
     white: Array  # grey value of a texture of 1 in the same light
+    mean: Array  # mean of the texture
+    gain: Array  # derivative of the grey value by the radiance of the surface
     noise: Array  # standard deviation of temporal noise
     pattern: Array  # standard deviation of fixed-pattern noise
     blur_px: Array
@@ -74,8 +76,9 @@ def compute_imaged_texture(
         frequency[at, :count] = np.einsum("wc,pck->pwk", one.frequencies_per_mm, look.chart[at])
         variance[at, :count] = one.variances
         mean[at] = one.mean
-    light = look.light * _vignetting(scene, look)
-    grey = compute_grey_levels(scene.sensor, mean * light)
+    passes = _vignetting(scene, look)
+    light, gloss = look.light * passes, look.gloss * passes
+    grey = compute_grey_levels(scene.sensor, mean * light + gloss)
     variance *= ((grey.gain * light) ** 2)[:, None]
     moved = compute_blur_px(scene, look.depth_mm, compute_flow(look))
     passed = compute_transfer(frequency, scene, look.depth_mm, moved)
@@ -85,7 +88,9 @@ def compute_imaged_texture(
         surface_variance=variance,
         response=compute_derivative_response(frequency),
         level=grey.level,
-        white=compute_grey_levels(scene.sensor, light).level,
+        white=compute_grey_levels(scene.sensor, light + gloss).level,
+        mean=mean,
+        gain=grey.gain * passes,
         noise=grey.noise,
         pattern=grey.pattern,
         blur_px=np.hypot(*moved.T),
@@ -206,7 +211,28 @@ def compute_deviations(
         }
         for part, moment in ((products, moments[0]), (scatter, moments[1]))
     )
-    return compute_window_deviations(normal, squared, points, intrinsics, model, biased=biased)
+    disturbed = _highlight_products(look, views, shown, seen, change, sigma_px, model)
+    return compute_window_deviations(normal, squared, points, intrinsics, model, biased=biased, disturbed=disturbed)
+
+
+def _highlight_products(
+    look: SurfaceSamples,
+    views: ImageTimes,
+    shown: Mask,
+    seen: ImagedTexture,
+    change: Array,
+    sigma_px: float,
+    model: WindowUnknowns,
+) -> Array | None:
+    """Return the contribution of highlights to the scatter of fits, see `HighlightWindows.errors`."""
+    if look.reflection is None or not look.reflection.glossy[look.body].any():
+        return None
+    from scenetruth.design.prediction.surface_light import TextureStatistics
+
+    inside = look.own_around(look.reflection.nodes(sigma_px))
+    windows = look.reflection.windows((look.points.x, look.points.y), inside, look.body, views, sigma_px)
+    texture = TextureStatistics(seen.mean, seen.gain, seen.noise, seen.frequency, seen.variance, seen.response)
+    return windows.errors(len(look), shown, texture, change, model)
 
 
 def _pattern_products(

@@ -8,8 +8,13 @@ from scenetruth.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
     from scenetruth.estimators.refined.acquisition import derive_priors, read_schedule, remove_delay_bias
-    from scenetruth.estimators.refined.alias_residuals import project_aliases, separate
-    from scenetruth.estimators.refined.aliasing import compute_phase_error_px, enlarge_variances, interpolation_error
+    from scenetruth.estimators.refined.alias_residuals import find_aliases, project_aliases, separate
+    from scenetruth.estimators.refined.aliasing import (
+        combine_displacements,
+        compute_phase_error_px,
+        enlarge_variances,
+        interpolation_error,
+    )
     from scenetruth.estimators.refined.ambiguity import find_ambiguous, find_chance_fits, image_motion
     from scenetruth.estimators.refined.aperture import compute_normal_flow, find_aperture
     from scenetruth.estimators.refined.bare_surfaces import find_bare_areas, fit_bare_surfaces
@@ -133,6 +138,7 @@ __all__ = [
     "blank_fit",
     "choose_frames_beyond",
     "choose_tiles",
+    "combine_displacements",
     "compare_growth",
     "compare_velocities",
     "compute_calibration_effect",
@@ -155,6 +161,7 @@ __all__ = [
     "fill_beyond_images",
     "fill_defects",
     "fill_holes",
+    "find_aliases",
     "find_ambiguous",
     "find_aperture",
     "find_bare_areas",
@@ -211,8 +218,8 @@ __getattr__, __dir__ = export_lazily(
     __name__,
     {
         "acquisition": "derive_priors read_schedule remove_delay_bias",
-        "alias_residuals": "project_aliases separate",
-        "aliasing": "compute_phase_error_px enlarge_variances interpolation_error",
+        "alias_residuals": "find_aliases project_aliases separate",
+        "aliasing": "combine_displacements compute_phase_error_px enlarge_variances interpolation_error",
         "ambiguity": "find_ambiguous find_chance_fits image_motion",
         "aperture": "compute_normal_flow find_aperture",
         "bare_surfaces": "find_bare_areas fit_bare_surfaces",

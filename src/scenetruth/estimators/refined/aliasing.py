@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from scenetruth.estimators.refined.fit_maps import STEADY_PLACES
 from scenetruth.estimators.refined.image_stack import ImageStack, without_aliases
+from scenetruth.estimators.refined.kernels.warp import ImageView
 from scenetruth.estimators.refined.kernels.window_solver import Fit
 from scenetruth.estimators.refined.noise_estimation import spline_transfer
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART
@@ -140,7 +141,7 @@ def enlarge_variances(
 
     ``motion``: Motion model of every pixel, as in ``motion_model``, which determines the frames of the fit.
     ``accelerated``: Whether all motions are accelerated.
-    ``by_aliases``: Mean square residual by aliases, and their powers along x and y, shape (3, y, x), if separated.
+    ``by_aliases``: As from `measure_alias_residual`, if aliases are separated.
     """
     from scipy.ndimage import gaussian_filter
 
@@ -158,7 +159,7 @@ def enlarge_variances(
         fine, _ = _measure_fine_waves(images, sigma_px, noise, aliases=True)
         unit = images.channels * images.variance.at(images.reference_grey()[grid])
         if by_aliases is not None:
-            of_aliases = _displace_by(by_aliases[(slice(1, None), *grid)] * unit, fine)
+            of_aliases = _displace_by(by_aliases[(slice(1, 3), *grid)] * unit, fine)
         else:
             of_aliases, _ = compute_phase_error_px(images, sigma_px, noise, aliases=True)
             most = _displace_by(fit.residual[0][grid] * unit, fine)
@@ -180,6 +181,8 @@ def enlarge_variances(
                 at = theta[:, where], (centres[1], centres[0]), where
                 limit = most if kind is _aliased else None
                 added[:, where] += _added(part, *at, sizes, kind, most=limit, accelerated=curved)
+    if by_aliases is not None:
+        added += by_aliases[(slice(3, None), *grid)]
     known = np.isfinite(added).all(axis=0)
     weights = np.maximum(gaussian_filter(known.astype(np.float64), sigma_px / block), 1e-9)
     # The sign of an error alternates with the phase: neighbours have its mean square.
@@ -222,6 +225,16 @@ def _displace_by(power: Map, fine: Map) -> Map:
         return np.where(gradient > 0, np.minimum(power * number / gradient / of_texture**3, _MOST_PX), 0.0)
 
 
+def combine_displacements(view: ImageView, *, accelerated: bool) -> Map:
+    """Return how displacements of n images along x, then y, change d, d q_X, d q_Y and the change of d, (4, 2n)."""
+    s, s_y, t = view.s, view.s_y, view.t
+    columns = [(-s, -s_y), (t, 0 * t), (0 * t, t), (s * t, s_y * t)]
+    if accelerated:
+        half = 0.5 * t * t
+        columns += [(half, 0 * t), (0 * t, half), (s * half, s_y * half)]
+    return np.linalg.pinv(np.stack([np.concatenate(each) for each in columns], axis=-1))[:4]
+
+
 def _added(
     images: ImageStack,
     theta: Map,
@@ -243,11 +256,7 @@ def _added(
     """
     view = images.view()
     s, s_y, t = view.s, view.s_y, view.t
-    columns = [(-s, -s_y), (t, 0 * t), (0 * t, t), (s * t, s_y * t)]
-    if accelerated and len(images.times) > 2:
-        half = 0.5 * t * t
-        columns += [(half, 0 * t), (0 * t, half), (s * half, s_y * half)]
-    inverse = np.linalg.pinv(np.stack([np.concatenate(each) for each in columns], axis=-1))[:4]
+    inverse = combine_displacements(view, accelerated=accelerated and len(images.times) > 2)
     at_rows, at_columns = np.nonzero(where)
     x, y = centres[0][at_columns] - view.centre_x, centres[1][at_rows] - view.centre_y
     d, q_x, q_y, q_z = theta[STEADY_PLACES]

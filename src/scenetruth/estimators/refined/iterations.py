@@ -90,8 +90,8 @@ class RefinedState:
     light_edges: Map | None = None
     """Squared errors of q_X and q_Y at edges of light, shape (2, y, x); None if there are none."""
     alias_residual: Map | None = None
-    """Part of the mean square residual that aliases of demosaicing cause, and the powers of the aliases along x and y,
-    shape (3, y, x); None if they are not separated from noise.
+    """Part of the mean square residual that aliases of demosaicing cause, their powers along x and y, and the variances
+    that they cause, shape (7, y, x), see `measure_alias_residual`; None if they are not separated from noise.
     """
 
     @property
