@@ -46,6 +46,7 @@ from scenetruth.design.optimisation.report.scene_file import (
 )
 from scenetruth.design.optimisation.report.side_view import assign_colours, describe_side_view, draw_side_views
 from scenetruth.design.optimisation.report.side_view_geometry import compute_side_view
+from scenetruth.design.optimisation.standard_lens import describe_standard_lens
 from scenetruth.html import render_page
 from scenetruth.number_format import (
     format_interval,
@@ -272,6 +273,7 @@ def write_design_page(design: DesignResult, folder: str | Path) -> Path:
         drawings=draw_side_views(view),
         drawn=describe_side_view(view),
         outlines=list(zip(view.outlines, assign_colours(view), strict=True)),
+        bought=list(describe_standard_lens(design.standard_lens, design.objectives, design.recommended)),
         parameters=build_parameter_table(design),
         file=build_scene_file(design.recommended, "recommended.yaml"),
         cost=describe_cost(Scene.from_dict(design.recommended.scene)),
