@@ -55,11 +55,11 @@ def main() -> None:
         both = [found[model] for model in MODELS]
         ratio = number(found["estimated s"] / found["uniform s"])
         for quantity in both[0]:
-            pairs = (
+            cells = (
                 " / ".join(number(scale * each[quantity][key]) for each in both)
                 for key, scale in (("density", 100), ("bias", 1), ("error", 1), ("rms", 1), ("beyond", 100))
             )
-            print(line([name, quantity, *pairs, ratio]), flush=True)
+            print(line([name, quantity, *cells, ratio]), flush=True)
     print()
     print(heading(SUMMARY))
     for quantity in sorted({quantity for found in every for quantity in found["uniform"]}):

@@ -111,8 +111,8 @@ class RefinedSettings(MethodSettings):
     spline: Literal["cubic", "quintic"] = "quintic"
     """Order of the splines that interpolate the images; the error of quintic splines is a tenth of that of cubic."""
     noise: PhotonTransferNoise | Literal["uniform", "estimated"] = "estimated"
-    """Noise variance as a function of the grey value: ``estimated``, linear in the grey value, from the image residuals;
-    the photon transfer of a sensor; or ``uniform``, constant. Noisier pixels have a smaller weight."""
+    """Noise variance as a function of the grey value: ``estimated``, linear in the grey value, from the residuals; the
+    photon transfer of a sensor; or ``uniform``, constant. Noisier pixels have a smaller weight."""
     initialisation: Literal["plane_sweep", "structure_tensor"] = "plane_sweep"
     """Initial estimate: exhaustive search over disparities and motions, which does not depend on an initial value; or
     the estimate of the structure tensor, which takes half the time and suits smooth, slowly moving scenes."""

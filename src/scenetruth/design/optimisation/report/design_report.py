@@ -51,6 +51,7 @@ from scenetruth.html import render_page
 from scenetruth.number_format import (
     format_interval,
     format_length,
+    format_measured,
     format_number,
     format_percent,
     format_signed_percent,
@@ -106,19 +107,28 @@ def summarise_objectives(design: DesignResult) -> list[ObjectiveResult]:
         simulated = design.recommended.simulated.get(objective.title)
         if simulated is None:
             source = f"predicted {objective.statistic_title}; not simulated"
-            figure = predicted
+            figure, half = predicted, None
         else:
             between = format_interval(simulated.pi_low, simulated.pi_high)
             line = f"95 %: {between}; " if between else ""
             several = "recording" if simulated.seeds == 1 else "recordings"
             rms = compute_rig_interval(design.recommended, objective.title, "rmse")
-            beside = f"; RMSE {format_number(rms.value)}" if objective.statistic != "rmse" and rms.seeds else ""
-            line += f"predicted {format_number(predicted)}{beside}"
+            beside = (
+                f"; RMSE {format_measured(rms.value, 0.5 * (rms.pi_high - rms.pi_low))}"
+                if objective.statistic != "rmse" and rms.seeds
+                else ""
+            )
+            line += f"predicted {format_number(predicted, 2)}{beside}"
             source = f"{objective.statistic_title} in {simulated.seeds} simulated {several} ({line})"
-            figure = simulated.value
+            figure, half = simulated.value, 0.5 * (simulated.pi_high - simulated.pi_low)
         verdict = _verdict(design, objective)
-        found.append(ObjectiveResult(objective.title, format_number(figure), objective.unit, source, verdict))
+        found.append(ObjectiveResult(objective.title, _figure(figure, half), objective.unit, source, verdict))
     return found
+
+
+def _figure(value: float, half: float | None) -> str:
+    """Return a result; predictions are accurate to two digits."""
+    return format_number(value, 2) if half is None else format_measured(value, half)
 
 
 def _verdict(design: DesignResult, objective: Objective) -> str:
