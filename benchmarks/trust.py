@@ -129,6 +129,7 @@ def assess(scene: Plain, settings: Plain, cache: str | None) -> dict[str, dict[s
             "beyond": float(np.mean(z > FAR)) if some else 0.0,
             "within": float(np.mean(z < NEAR)) if some else float("nan"),
             "error": float(np.sqrt(np.mean(error**2))) if some else float("nan"),
+            "bias": float(np.mean(error)) if some else float("nan"),
         }
     return found
 

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import math
+from decimal import Decimal
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from scenetruth.number_format import flatten, format_count, format_number, format_percent_value, humanise
+from scenetruth.number_format import (
+    flatten,
+    format_count,
+    format_measured,
+    format_number,
+    format_percent_value,
+    humanise,
+)
 
 
 @pytest.mark.parametrize(
@@ -69,3 +77,19 @@ def test_keys_and_values_are_words() -> None:
     assert flatten({"numpy": "2.4", "on": True, "none": None}) == "numpy 2.4, on yes, none –"
     assert flatten([1, [2.5, "a"]]) == "1, 2.5, a"
     assert flatten([]) == flatten(None) == "–"
+
+
+@given(some.floats(1e-9, 1e9), some.floats(1e-9, 1e9), some.sampled_from([-1.0, 1.0]))
+def test_no_digit_is_beyond_the_second_of_the_uncertainty(size: float, uncertainty: float, sign: float) -> None:
+    value = sign * size
+    text = format_measured(value, uncertainty, 12).replace("−", "-")
+    if "×" in text:
+        mantissa, power = text.split(" × 10")
+        text = f"{mantissa}e{power.translate(str.maketrans('⁻⁰¹²³⁴⁵⁶⁷⁸⁹', '-0123456789'))}"
+    shown = Decimal(text)
+    last = math.floor(math.log10(float(f"{uncertainty:.1e}")) + 1e-9) - 1
+    power_of_value = math.floor(math.log10(size))
+    # One digit at least, twelve at most: rounding is at most half of the last digit that is shown.
+    place = min(max(last, power_of_value - 11), power_of_value)
+    assert abs(float(shown) - value) <= 0.5000001 * 10.0**place
+    assert shown % Decimal(1).scaleb(place) == 0

@@ -13,6 +13,7 @@ __all__ = [
     "format_estimate",
     "format_interval",
     "format_length",
+    "format_measured",
     "format_number",
     "format_percent",
     "format_percent_value",
@@ -116,13 +117,41 @@ def format_length(value: float, digits: int = 3) -> str:
     return text.rstrip("0").rstrip(".") if "." in text and "×" not in text else text
 
 
-def format_interval(low: float, high: float) -> str:
-    """Return the text of an interval; empty if undefined.
+def format_measured(value: float | None, uncertainty: float | None, digits: int = 3) -> str:
+    """Format a number without digits below the second significant digit of its uncertainty, and at least one digit.
 
-    >>> format_interval(0.19, 0.254), format_interval(math.nan, 1.0)
-    ('0.190 to 0.254', '')
+    ``uncertainty``: Standard deviation or half width of an interval; without one, ``digits`` apply.
+    ``digits``: Largest number of significant digits.
+
+    >>> [format_measured(12.3456, one) for one in (0.004, 0.4, 4.0, 40.0, None, math.inf)]
+    ['12.3', '12.3', '12.3', '12', '12.3', '12.3']
+    >>> format_measured(5016.318, 0.274, 7), format_measured(0.0399512, 0.013), format_measured(0.0012, 0.4)
+    ('5016.32', '0.040', '0.001')
     """
-    return f"{format_number(low)} to {format_number(high)}" if math.isfinite(low) and math.isfinite(high) else ""
+    if value is None or not math.isfinite(value) or value == 0:
+        return format_number(value, digits)
+    if uncertainty is None or not 0 < uncertainty < math.inf:
+        return format_number(value, digits)
+    last = min(_power_of(uncertainty) - 1, math.floor(math.log10(abs(value))))
+    shown = round(value, -last) or value
+    return format_number(shown, max(1, min(digits, _power_of(shown) - last + 1)))
+
+
+def _power_of(value: float) -> int:
+    """Return the power of ten of the first significant digit, after rounding to two."""
+    return int(f"{abs(value):.1e}".partition("e")[2])
+
+
+def format_interval(low: float, high: float) -> str:
+    """Return the text of an interval, to the second significant digit of its half width; empty if undefined.
+
+    >>> format_interval(0.19, 0.254), format_interval(math.nan, 1.0), format_interval(0.98, 5.1234)
+    ('0.190 to 0.254', '', '1.0 to 5.1')
+    """
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return ""
+    half = 0.5 * abs(high - low)
+    return f"{format_measured(low, half)} to {format_measured(high, half)}"
 
 
 def format_estimate(value: float, half: float, samples: int) -> str:

@@ -50,7 +50,7 @@ def test_alternatives_sort_by_numbers_and_by_words(page: Any) -> None:
 def test_the_answer_is_read_without_scrolling(page: Any) -> None:
     card = page.locator(".card").nth(1)
     assert "0.309 %/h" in card.text_content()
-    assert "Not met" in card.text_content()
+    assert "Undecided" in card.text_content()
     assert page.locator("#limits").bounding_box()["y"] < 800
 
 

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import imageio.v3 as imageio
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from scipy.ndimage import correlate1d
 from typer.testing import CliRunner
 
 import scenetruth as st
 from scenetruth.cli.app import app
-from scenetruth.estimators.structure_tensor import transfer
+from scenetruth.estimators.structure_tensor import PAPER, transfer
 from scenetruth.validation_studies import paper_figure2 as figure2
 from scenetruth.validation_studies.paper_figure2 import (
     FOCAL_LENGTH_PX,
@@ -50,6 +52,54 @@ def test_points_without_noise_follow_the_law_of_the_filters(quantity: Literal["U
     law = abs(ratio - 1) if quantity == "U_X" else abs(1 / ratio - 1)
     assert result.full == result.runs == figure2.PHASES
     assert result.median_relative_error == pytest.approx(law, abs=2e-6)
+
+
+def divergence_error(wavelength: float, phase: tuple[float, float], sigma_px: float = 6.0, taps: int = 25) -> float:
+    """Return the relative error of U_Z, to first order in it, from the products of coordinates and filtered gradients.
+
+    The frames change by u_z (x g_x + y g_y), smoothed; the fit compares this with x and y times the filtered gradients.
+    """
+    k, x = 2 * np.pi / wavelength, np.arange(29.0 + taps) - (28 + taps) // 2
+    along, down = (k * each + shift for each, shift in zip(np.meshgrid(x, x), phase, strict=True))
+    grey = np.cos(along) * np.cos(down)
+    change = -k * (x * np.sin(along) * np.cos(down) + x[:, None] * np.cos(along) * np.sin(down))
+    derivative, smoothing = np.asarray(PAPER.derivative), np.asarray(PAPER.smoothing)
+
+    def filtered(image: NDArray[np.float64], over_x: NDArray[np.float64], over_y: NDArray[np.float64]) -> Any:
+        return correlate1d(correlate1d(image, over_x, axis=1), over_y, axis=0)
+
+    g_x, g_y = filtered(grey, derivative, smoothing), filtered(grey, smoothing, derivative)
+    line = np.where(np.abs(x) <= taps // 2, np.exp(-0.5 * (x / sigma_px) ** 2), 0.0)
+    root = np.sqrt(np.outer(line, line))
+    unknowns = np.stack([g_x, g_y, x * g_x + x[:, None] * g_y], axis=-1) * root[..., None]
+    known = filtered(change, smoothing, smoothing) * root
+    return float(np.linalg.lstsq(unknowns.reshape(-1, 3), known.ravel(), rcond=None)[0][2] - 1)
+
+
+@pytest.mark.parametrize("phase", [(0.0, 0.0), (1.1, 2.3)])
+@pytest.mark.parametrize("wavelength", [4, 8, 16, 32])
+def test_the_error_of_approach_is_that_of_coordinates_times_filtered_gradients(
+    wavelength: int, phase: tuple[float, float]
+) -> None:
+    images = pattern_images(wavelength, velocity=(0.0, 0.0, 0.1), phase=phase)
+    found = st.estimate(
+        pattern_recording(images), working_point_px=0, flow_working_point_px=(0, 0), tau=0.0012, divergence="paper"
+    )
+    centre = found.isel(t=0, y=14, x=14)
+    error = float(centre["velocity"][2] / centre["depth"]) * REFERENCE_DEPTH / 0.1 - 1
+    # Maps are float32, and the second order of u_z = 1e-3 over two frames is 4e-6.
+    assert error == pytest.approx(divergence_error(wavelength, phase), abs=1e-5)
+
+
+def test_the_error_of_approach_follows_the_phase_where_windows_are_shorter_than_waves() -> None:
+    grid = [(a, b) for a in np.arange(8) * np.pi / 8 for b in np.arange(8) * np.pi / 8]
+    spread = {
+        (wavelength, sigma): np.std([divergence_error(wavelength, each, sigma, 10 * sigma + 1) for each in grid])
+        for wavelength, sigma in ((16, 6), (32, 6), (32, 12))
+    }
+    # Squared gradients have half the wavelength; a Gaussian window keeps exp(-(4π σ / λ)² / 2) of them: 6 % at 32 px.
+    assert spread[32, 6] > 100 * spread[16, 6]
+    assert spread[32, 12] == pytest.approx(spread[16, 6], rel=1)
 
 
 @pytest.mark.parametrize(

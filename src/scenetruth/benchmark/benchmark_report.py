@@ -17,7 +17,7 @@ from scenetruth.benchmark.design_point import PICTURED_QUANTITIES, CaseErrorMaps
 from scenetruth.benchmark.error_statistics import INLIER_PX
 from scenetruth.benchmark.ranking_charts import build_charts, compute_rank_leaders
 from scenetruth.html import render_page
-from scenetruth.number_format import format_number
+from scenetruth.number_format import format_measured, format_number
 from scenetruth.output import write_atomically
 
 __all__ = ["WorstRegion", "write_benchmark_report"]
@@ -139,7 +139,7 @@ def _section(found: BenchmarkResult, case: Case, words: Sequence[Sequence[str]],
             row.quantity,
             row.pixels,
             row.statistic,
-            format_number(row.value),
+            format_measured(row.value, 0.5 * (row.ci_high - row.ci_low)),
             row.unit,
         ]
         for row in rows
@@ -149,7 +149,12 @@ def _section(found: BenchmarkResult, case: Case, words: Sequence[Sequence[str]],
     named = [word for one in words for word in one]
     again = ["scenetruth", "compare", *named, *chosen, "--case", case.kind, "--level", "VALUE", "-o", "again"]
     concluded = [
-        (row.method, row.statistic.replace("_", " "), format_number(row.value), row.unit)
+        (
+            row.method,
+            row.statistic.replace("_", " "),
+            format_measured(row.value, 0.5 * (row.ci_high - row.ci_low)),
+            row.unit,
+        )
         for row in rows
         if not math.isfinite(row.level)
     ]

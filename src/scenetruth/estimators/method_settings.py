@@ -110,9 +110,9 @@ class RefinedSettings(MethodSettings):
     """Whether every image has its own gain and offset in every window, which allows for changes of light and shadow."""
     spline: Literal["cubic", "quintic"] = "quintic"
     """Order of the splines that interpolate the images; the error of quintic splines is a tenth of that of cubic."""
-    noise: PhotonTransferNoise | Literal["uniform", "estimated"] = "uniform"
-    """Noise variance as a function of the grey value: ``uniform``, constant; the photon transfer of a sensor; or
-    ``estimated``, linear in the grey value, from the image residuals. Noisier pixels have a smaller weight."""
+    noise: PhotonTransferNoise | Literal["uniform", "estimated"] = "estimated"
+    """Noise variance as a function of the grey value: ``estimated``, linear in the grey value, from the residuals; the
+    photon transfer of a sensor; or ``uniform``, constant. Noisier pixels have a smaller weight."""
     initialisation: Literal["plane_sweep", "structure_tensor"] = "plane_sweep"
     """Initial estimate: exhaustive search over disparities and motions, which does not depend on an initial value; or
     the estimate of the structure tensor, which takes half the time and suits smooth, slowly moving scenes."""

@@ -137,8 +137,8 @@ def test_folders_that_hold_no_design_are_refused(found: DesignResult, folder: Pa
         DesignResult.load(tmp_path)
     plain = found.to_dict()
     for name, told, message in (
-        ("older", {**plain, "format": 1}, "has format 1 instead of 3"),
-        ("cut", {"format": 3}, "is damaged \\(KeyError"),
+        ("older", {**plain, "format": 1}, "has format 1 instead of 4"),
+        ("cut", {"format": 4}, "is damaged \\(KeyError"),
         ("other", {**plain, "recommended": -1}, "is damaged \\(ValueError"),
         ("words", {**plain, "seconds": {"search": "long"}}, "is damaged \\(ValueError"),
         ("table", plain, r"evaluations\.csv: is missing"),

@@ -165,6 +165,38 @@ def test_texture_that_is_too_fine_is_told() -> None:
     assert not any("shorter than 3 px" in note for note in coarse)
 
 
+@pytest.mark.parametrize(("angle_deg", "stated"), [(0, 0), (45, 45), (-30, -30), (90, 90)])
+def test_a_texture_that_varies_in_one_direction_is_noted_with_its_direction(angle_deg: float, stated: float) -> None:
+    stripes = {"kind": "plaid", "wavelength_mm": [4.0, 1e6], "mean": 0.5, "amplitude": 0.3}
+    pose = {"position_mm": [0, 0, 600], "rotations": [{"axis": [0, 0, 1], "angle_deg": angle_deg}]}
+    (note,) = (
+        each
+        for each in predict(wall(texture=stripes, pose=pose), method="refined").notes
+        if "varies almost only" in each
+    )
+    said = float(note.split("along ")[1].split(" degrees")[0])
+    assert (said - stated + 90) % 180 - 90 == pytest.approx(0, abs=1)
+
+
+def test_windows_that_the_method_determines_have_no_note() -> None:
+    assert predict(wall(), method="refined").notes == ()
+    crossed = {"kind": "plaid", "wavelength_mm": [4.0, 5.0], "mean": 0.5, "amplitude": 0.3}
+    (note,) = predict(wall(texture=crossed), method="refined").notes
+    assert "ambiguous" in note
+    assert predict(wall(texture=crossed), method="structure_tensor").notes == ()
+    # One frame has no motion, and stripes across the baseline determine its depth.
+    stripes = {"kind": "plaid", "wavelength_mm": [4.0, 1e6], "mean": 0.5, "amplitude": 0.3}
+    assert not any(
+        "varies" in note for note in predict(wall(texture=stripes, frames={"count": 1}), method="refined").notes
+    )
+
+
+@pytest.mark.parametrize("model", ["analytic", "maps"])
+def test_false_matches_of_few_images_are_noted(model: Any) -> None:
+    few = predict(wall(stage={"positions": 2, "baseline_mm": 5.0}, frames={"count": 2}), model=model, method="refined")
+    assert any(note.startswith("4 images determine a window") for note in few.notes)
+
+
 def test_what_is_left_out_is_told() -> None:
     lens = {"width": 96, "height": 72, "focal_length_px": 1200, "distortion": {"k1": -0.2}}
     stage = {"positions": 5, "baseline_mm": 2.0, "errors": {"preset": "air_bearing"}}

@@ -54,7 +54,7 @@ def test_two_factors_make_a_map_and_lines() -> None:
     assert (data["x"], data["y"]) == (["1", "2", "4"], ["0.01", "0.02"])
     assert 10 ** np.array(data["z"]) == pytest.approx(np.array([[1, 3, 5], [2, 4, 6]]))
     assert data["text"][1][2] == "6<br>(3)"
-    assert data["customdata"][0][0] == "1, 95 %: 0.8 to 1.2, Cramér-Rao bound 0.5"
+    assert data["customdata"][0][0] == "1.00, 95 %: 0.80 to 1.20, Cramér-Rao bound 0.5"
     assert "smallest 1 at stage.baseline_mm = 1, sensor.noise_std = 0.01" in heat.words
     assert [curve.name for curve in lines.curves if not curve.is_bound] == [f"{NOISE} = 0.01", f"{NOISE} = 0.02"]
 
@@ -98,7 +98,7 @@ def test_the_page_is_one_file_in_which_no_word_acts(tmp_path: Path) -> None:
     assert "cube at 3: why" in outside
     # Every point, with its bound; figures of single seeds are in the table of results alone.
     lines = [re.findall(r"<td[^>]*>(.*?)</td>", line) for line in re.findall(r"<tr>(.*?)</tr>", outside)]
-    assert ["4", "0.02", "cube", "mine", "depth", "6", "4.8 to 7.2"] in [line[:7] for line in lines]
+    assert ["4", "0.02", "cube", "mine", "depth", "6.0", "4.8 to 7.2"] in [line[:7] for line in lines]
     assert "77" not in re.sub(r"<style>.*?</style>", "", outside, flags=re.DOTALL)
 
 

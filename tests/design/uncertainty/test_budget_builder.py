@@ -187,6 +187,10 @@ def test_what_cannot_be_is_told_at_once(scene: st.Scene, tmp_path: Path) -> None
         budget(laboratory({"stage.axis_tilt_urad": [100, 0]}, everything=False))
     with pytest.raises(EstimateError, match="no_such"):
         budget(scene, method="no_such")
+    # The edge of the sheet is nowhere 40 px away; without its edges in the image, the margin does not matter.
+    far = {"score.interior_margin_px": 40.0, "objects.0.mesh.size_mm": [20.0, 20.0]}
+    with pytest.raises(SceneError, match=r"(?s)score\.interior_margin_px: no pixel .* the region all"):
+        budget(laboratory(far, everything=False), region="interior")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes").write_text("mine")
     with pytest.raises(OutputExistsError, match="not a directory of a budget"):

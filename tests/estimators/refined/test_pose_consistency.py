@@ -33,6 +33,16 @@ def test_variances_of_two_groups() -> None:
     assert np.abs(unknown[group == 1]).max() < 0.6
 
 
+def test_undetermined_directions_stay_finite() -> None:
+    """Two unknowns of which images see only the sum, with rounding errors, at the precision of images without noise."""
+    matrix = 1e12 * np.array([[1.0, 1.0], [1.0, 1.0 - 1e-13]])
+    side = 1e12 * np.array([1.0, 1.0 + 1e-9])
+    variance, unknown, gain, seen = maximise_likelihood(matrix, side, np.zeros(2, dtype=np.intp), np.full(1, 0.5))
+    assert np.isfinite([*variance, *unknown, gain, *seen]).all()
+    # The direction of the sum is that of eigenvectors of a matrix with a relative rounding of 1e-13 over 1e-9.
+    assert unknown == pytest.approx([0.5, 0.5], rel=1e-3)
+
+
 def test_displaced_positions_are_seen_and_stated() -> None:
     generator = np.random.default_rng(3)
     off = np.repeat(generator.normal(0, 1, (CAMERAS, 1, 4)) * [0.05, 0.05, 1e-4, 1e-4], FRAMES, axis=1)

@@ -93,7 +93,7 @@ def test_growth_is_a_headline_with_its_standard_deviation_only(full_case: Case) 
     stated = dataclasses.replace(growing, median_std=0.25)
     growth = summarise_estimate(found | {"growth_rate": stated})[-1]
     assert (growth.title, growth.figure) == ("Growth rate", "1.13")
-    assert "with a median stated standard deviation of 0.250 %/h" in growth.rest
+    assert "with a median stated standard deviation of 0.25 %/h" in growth.rest
 
 
 def test_the_common_part_of_standard_deviations_is_stated(full_case: Case) -> None:
@@ -107,4 +107,4 @@ def test_the_common_part_of_standard_deviations_is_stated(full_case: Case) -> No
     assert found["depth"].median_std is not None
     # Of a different set: values of zero count as well.
     assert found["depth"].median_common <= found["depth"].median_std / 4 * (1 + 1e-6)
-    assert f"({format_number(found['depth'].median_common)} of it common to all pixels)" in depth.rest
+    assert f"({format_number(found['depth'].median_common, 2)} of it common to all pixels)" in depth.rest

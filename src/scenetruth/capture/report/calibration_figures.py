@@ -208,10 +208,12 @@ def _draw_budget(data: CalibrationData, folder: Path) -> FigureInfo:
     total = budget.total.mean_std
     for row, part in enumerate(shown):
         axes.barh(row, part.mean_mm, color=BLUE, height=0.65)
-        text = f"{format_two_digits(part.mean_mm)}  (halved: total {part.halved_mm:.3g})"
+        text = f"{format_two_digits(part.mean_mm)}  (halved: total {format_two_digits(part.halved_mm)})"
         axes.annotate(text, (part.mean_mm, row), (5, 0), textcoords="offset points", va="center", fontsize=8)
     axes.barh(len(shown), total, color=GREY, height=0.65)
-    axes.annotate(f"{total:.3g}", (total, len(shown)), (5, 0), textcoords="offset points", va="center", fontsize=8)
+    axes.annotate(
+        format_two_digits(total), (total, len(shown)), (5, 0), textcoords="offset points", va="center", fontsize=8
+    )
     axes.set_yticks(range(len(shown) + 1), [*(part.title for part in shown), "root sum of squares"])
     axes.invert_yaxis()
     axes.set_xlim(0, 1.25 * total)

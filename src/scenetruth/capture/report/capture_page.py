@@ -21,7 +21,7 @@ from scenetruth.capture.report.noise_figures import draw_depth_std, draw_noise, 
 from scenetruth.capture.report.suggestions import PoseEffect, Suggestion, assess_poses, cover, suggest
 from scenetruth.glossary import define_terms
 from scenetruth.html import HtmlTable, make_table, template_environment
-from scenetruth.number_format import format_two_digits
+from scenetruth.number_format import format_measured, format_number, format_two_digits
 from scenetruth.progress import Progress
 from scenetruth.scoring.error_pairs import read_std
 from scenetruth.scoring.figures import FigureInfo
@@ -225,11 +225,14 @@ def _median_growth_std(estimate: xr.Dataset) -> float | None:
 def _suggestion_table(found: Sequence[Suggestion], budget: DepthBudget) -> HtmlTable:
     before = budget.total.mean_std
     rows = [
-        (one.text, f"{one.after_mm:.3g}", f"{100 * (one.after_mm / before - 1):+.0f} %".replace("-", "−"))
+        (one.text, format_number(one.after_mm, 2), f"{100 * (one.after_mm / before - 1):+.0f} %".replace("-", "−"))
         for one in found
     ]
-    caption = f"Standard deviation of the mean depth at {budget.depth_mm:.0f} mm, now {before:.3g} mm"
+    caption = f"Standard deviation of the mean depth at {budget.depth_mm:.0f} mm, now {format_number(before, 2)} mm"
     return make_table("suggestions", caption, ("change", "then [mm]", "difference"), rows)
+
+
+_MOST_DIGITS = 12
 
 
 def _parameter_table(calibration: RigCalibration) -> HtmlTable:
@@ -242,29 +245,21 @@ def _parameter_table(calibration: RigCalibration) -> HtmlTable:
         prior = calibration.prior_std[calibration.names.index(name)]
         stated = format_two_digits(float(prior)) if np.isfinite(prior) else "none"
         meaning = _MEANINGS.get(name, "relative error of the size" if name.endswith(".scale") else "lens distortion")
-        value = _rounded(calibration.value(name), std)
+        value = format_measured(calibration.value(name), std, _MOST_DIGITS)
         rows.append((name, meaning, _UNITS.get(name, "–"), value, format_two_digits(std), stated))
     caption = "Parameters, with standard deviations after the calibration, and stated before it (tolerance)"
     return make_table("parameters", caption, ("parameter", "meaning", "unit", "value", "std", "tolerance"), rows)
-
-
-def _rounded(value: float, std: float) -> str:
-    """Return a value with two digits of its standard deviation."""
-    if std <= 0:
-        return f"{value:.6g}"
-    digits = max(int(np.ceil(-np.log10(std))) + 1, 0)
-    return f"{value:.{min(digits, 12)}f}"
 
 
 def _pose_table(poses: Sequence[PoseEffect], budget: DepthBudget) -> HtmlTable:
     rows = [
         (
             str(pose.pose), f"{pose.tilt_deg:.0f}", pose.farther or "–", f"{pose.depth_mm:.0f}", str(pose.images),
-            str(pose.points), f"{pose.rms_px:.2g}", f"{pose.without_mm:.3g}".replace("nan", "–"),
+            str(pose.points), format_number(pose.rms_px, 2), format_number(pose.without_mm, 2),
         )
         for pose in poses
     ]  # fmt: skip
-    total = f"{budget.total.mean_std:.3g}"
+    total = format_number(budget.total.mean_std, 2)
     caption = f"Poses of the board; last column: standard deviation of the mean depth without it, {total} mm with all"
     columns = (
         "pose", "tilt [°]", "farther", "distance [mm]", "images", "points", "residual [px]", "without it [mm]",

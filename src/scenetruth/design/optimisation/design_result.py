@@ -23,6 +23,7 @@ from scenetruth.design.optimisation.design_records import (
     decide_rig_target,
     describe_decision,
 )
+from scenetruth.design.optimisation.standard_lens import StandardLens, describe_standard_lens
 from scenetruth.errors import ArgumentError, Problem, StoreError
 from scenetruth.output import claim_folder, write_atomically
 from scenetruth.plain_data import parse_json
@@ -190,7 +191,7 @@ def _compare_rmse(rig: RigDesign, objective: Objective) -> str:
 
 RESULT_FILE, SCREENING_FILE = "design.json", "evaluations.csv"
 """Files of a design directory: the result as plain data, and the table of all evaluations."""
-_FORMAT = 3
+_FORMAT = 4
 _PARTS: Mapping[str, Any] = {
     "title": str,
     "objectives": tuple[Objective, ...],
@@ -202,6 +203,7 @@ _PARTS: Mapping[str, Any] = {
     "assumptions": tuple[str, ...],
     "discrepancies": tuple[Discrepancy, ...],
     "seconds": Mapping[str, float],
+    "standard_lens": StandardLens | None,
 }
 
 
@@ -239,6 +241,8 @@ class DesignResult(Result):
         Nearly as good rigs that differ from those of a small front.
     orders
         Rank consistency of all pairs of simulated rigs.
+    standard_lens
+        Nearest lens of the catalogue and f-stop, and the predictions with them; None without a pixel pitch.
 
     See Also
     --------
@@ -284,6 +288,7 @@ class DesignResult(Result):
     seconds: Mapping[str, float] = field(default_factory=dict)
     alternatives: tuple[RigDesign, ...] = ()
     orders: tuple[RankConsistency, ...] = ()
+    standard_lens: StandardLens | None = None
 
     @property
     def rigs(self) -> tuple[RigDesign, ...]:
@@ -368,12 +373,12 @@ class DesignResult(Result):
         return QuantityValue(chosen.predicted[objective.title], objective.unit, statistic=wanted, region=region)
 
     def summary(self) -> str:
-        """Return the recommended rig, its errors, what limits them, and the sensitivities, one statement per line."""
-        return "\n".join(
-            compose_summary(
-                self.objectives, self.recommended, self.sensitivities, self.discrepancies, self.rules, self.orders
-            )
+        """Return the recommended rig, its lens, errors, limits and sensitivities, one statement per line."""
+        lines = compose_summary(
+            self.objectives, self.recommended, self.sensitivities, self.discrepancies, self.rules, self.orders
         )
+        bought = describe_standard_lens(self.standard_lens, self.objectives, self.recommended)
+        return "\n".join([*lines, *bought])
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of ``design.json``: all but the table of evaluations as plain data.

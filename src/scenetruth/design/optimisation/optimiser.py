@@ -44,6 +44,7 @@ from scenetruth.design.optimisation.problem_setup import OptimisationProblem, pr
 from scenetruth.design.optimisation.report.design_report import write_design_files
 from scenetruth.design.optimisation.rig_evaluation import Evaluation, build_rig, compute_rig_context, predict_scene
 from scenetruth.design.optimisation.specification import DesignSpec, DesignSpecLike, load_design_spec
+from scenetruth.design.optimisation.standard_lens import choose_standard_lens
 from scenetruth.jobs.executors import TaskExecutor, create_executor, resolve_workers
 from scenetruth.jobs.job_folder import JobFolder
 from scenetruth.jobs.results import compute_key
@@ -278,6 +279,7 @@ class _Run:
             seconds=self.seconds,
             alternatives=tuple(by_number[number] for number in shown if number not in front),
             orders=check_rank_consistency(list(by_number.values()), task.objectives),
+            standard_lens=choose_standard_lens(task, one.values),
         )
 
     def _logs(self, numbers: Sequence[int]) -> NDArray[np.float64]:

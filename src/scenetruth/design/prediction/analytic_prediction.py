@@ -40,6 +40,12 @@ _LARGE_BIAS = 0.3  # relative to the standard deviation: a smaller bias hardly c
 # Quintic splines attenuate a wave of 3 px by 1.5 % and add an equally strong alias. Errors on a cube with 45 % of its
 # squared gradients in shorter waves are 2.2 times the prediction; with 21 % they agree within the scatter of seeds.
 _FINE_PX, _MUCH_FINE = 3.0, 0.35
+# Gradient energies, relative to that of the strongest direction, from which `refined` determines motion and disparity.
+# It rejects 60 to 80 % of the windows if their mean ratio is 0.008 (directions within 10 degrees), 5 % if it is 0.02.
+_LEAST_RATIO, _LEAST_ALONG = 0.015, 1.5e-3
+_REPETITIVE = ("plaid", "checkerboard")
+_SOME = 0.2  # smallest share of an object that is reported
+_FEW_IMAGES = 4
 _MOST_BLUR, _RESTS_PX = 0.95, 1e-6  # evaluated over moving points only: a static background is not blurred
 
 
@@ -126,6 +132,7 @@ def predict_with_highlights(
     notes = (
         *_notes(scene, look, method, unknown, painting=painting),
         *_too_fine(look, seen),
+        *(_describe_invalid_windows(setup, scene, look, seen) if method == "refined" else ()),
         *_describe_eigenvalue_bias(deviations, look, interval),
     )
     shares = _compute_bias_shares(deviations, regions, look.share)
@@ -287,6 +294,48 @@ def _too_fine(look: SurfaceSamples, seen: ImagedTexture) -> Iterator[str]:
         yield (
             f"{100 * share:.0f} % of the squared gradients have wavelengths shorter than {_FINE_PX:g} px, which "
             "interpolation between pixels attenuates: the resulting bias is not included"
+        )
+
+
+def _describe_invalid_windows(
+    setup: MethodSetup, scene: Scene, look: SurfaceSamples, seen: ImagedTexture
+) -> Iterator[str]:
+    """Yield notes on textures whose windows are invalid or ambiguous, and on false matches in few images."""
+    xx, xy, yy = (
+        (seen.variance * seen.response[..., k] * seen.response[..., m]).sum(axis=1) for k, m in ((0, 0), (0, 1), (1, 1))
+    )
+    middle, half = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    s, s_y = (each - each.mean() for each in (setup.views.s, setup.views.s_y))
+    spread = float(np.sum(s**2 + s_y**2))
+    along = (np.sum(s**2) * xx + 2 * np.sum(s * s_y) * xy + np.sum(s_y**2) * yy) / spread if spread > 0 else middle
+    # Motion requires two directions of the image, disparity that of the baselines.
+    lost = np.zeros(len(look), dtype=np.bool_)
+    if setup.sees_motion:
+        lost |= middle - half < _LEAST_RATIO * (middle + half)
+    if setup.sees_depth:
+        lost |= along < _LEAST_ALONG * (middle + half)
+    lost &= middle > 0
+    angle = np.degrees(0.5 * np.arctan2(2 * xy, xx - yy))
+    for number in np.unique(look.body[lost]).tolist():
+        own = lost & (look.body == number)
+        if float(look.share[own].sum()) > _SOME * float(look.share[look.body == number].sum()):
+            direction = weighted_median(angle[own], look.share[own])
+            yield (
+                f"the texture of {look.names[number]} varies almost only along {direction:.0f} degrees to the image "
+                "rows: the method marks most of its windows as invalid, and errors exceed the prediction"
+            )
+    kinds = {item.name: item.texture.kind for _, item in scene.parts}
+    shown = [look.names[number] for number in np.unique(look.body).tolist()]
+    repeated = [name for name in shown if kinds.get(name) in _REPETITIVE]
+    if repeated:
+        yield (
+            f"repetitive textures have several matches, which the method marks as ambiguous (invalid) unless "
+            f"max_motion_px excludes them: {_listed(repeated)}"
+        )
+    if setup.sees_depth and len(setup.views.t) <= _FEW_IMAGES:
+        yield (
+            f"{len(setup.views.t)} images determine a window: a few false matches remain valid, which are not included "
+            "(the RMSE may be ten times the prediction, the median error is not affected)"
         )
 
 

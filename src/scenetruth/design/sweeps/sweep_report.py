@@ -21,7 +21,7 @@ from scenetruth.design.sweeps.plot_model import (
 )
 from scenetruth.design.sweeps.sweep_result import STATISTICS, Sweep, SweepRecord
 from scenetruth.html import COLOURS, render_page
-from scenetruth.number_format import UNDEFINED
+from scenetruth.number_format import UNDEFINED, format_interval, format_measured, format_number
 from scenetruth.output import write_atomically
 from scenetruth.scoring import get_units
 from scenetruth.scoring.quantities import get_title
@@ -153,10 +153,10 @@ def _short(cell: tuple[Any, ...]) -> str:
 
 def _long(cell: tuple[Any, ...]) -> str:
     _, _, number, low, high, bound = cell
-    interval = f", 95 %: {format_short(low)} to {format_short(high)}" if math.isfinite(low) else ""
-    return (
-        format_short(number) + interval + (f", Cramér-Rao bound {format_short(bound)}" if math.isfinite(bound) else "")
-    )
+    between = format_interval(low, high)
+    interval = f", 95 %: {between}" if between else ""
+    value = format_measured(number, 0.5 * (high - low))
+    return value + interval + (f", Cramér-Rao bound {format_short(bound)}" if math.isfinite(bound) else "")
 
 
 def _finite(number: float) -> float | None:
@@ -247,7 +247,7 @@ def _find_best(found: Sweep, region: str) -> list[list[str]]:
         where = ", ".join(f"{path} = {format_level(value)}" for path, value in row.values.items())
         scene = f"{row.scene}: " if len(found.scenes) > 1 else ""
         method = [row.method] if len(found.methods) > 1 else []
-        lines.append([get_title(quantity), _number(row.value), _interval(row), row.unit, scene + where, *method])
+        lines.append([get_title(quantity), _number(row), _interval(row), row.unit, scene + where, *method])
     return lines
 
 
@@ -281,7 +281,7 @@ def _lines(found: Sweep, region: str) -> list[list[str]]:
         *values, scene, method, quantity = key
         alone = bounds.get((*values, scene, "", quantity), math.nan)
         bound = bounds.get((*values, scene, method, quantity), alone)
-        numbers = {name: _number(row.value) for name, row in rows.items()}
+        numbers = {name: _number(row) for name, row in rows.items()}
         cells = [numbers.get(name, "–") for name in ("bias", "precision_std", "median_abs_error", "density")]
         interval = _interval(rows["rmse"]) if "rmse" in rows else "–"
         lines.append(
@@ -293,7 +293,7 @@ def _lines(found: Sweep, region: str) -> list[list[str]]:
                 numbers.get("rmse", "–"),
                 interval,
                 *cells,
-                _number(bound),
+                format_number(bound),
                 get_units(quantity),
             ]
         )
@@ -301,8 +301,8 @@ def _lines(found: Sweep, region: str) -> list[list[str]]:
 
 
 def _interval(row: SweepRecord) -> str:
-    return f"{_number(row.ci_low)} to {_number(row.ci_high)}" if math.isfinite(row.ci_low) else "–"
+    return format_interval(row.ci_low, row.ci_high) or UNDEFINED
 
 
-def _number(value: float) -> str:
-    return format_short(value) if math.isfinite(value) else "–"
+def _number(row: SweepRecord) -> str:
+    return format_measured(row.value, 0.5 * (row.ci_high - row.ci_low))

@@ -51,6 +51,8 @@ from scenetruth.plain_data import parse_json, seed_problems
 from scenetruth.progress import Progress, say
 from scenetruth.resources import Limits, refuse_beyond_limits
 from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
+from scenetruth.scoring.regions import main_regions
+from scenetruth.simulation import make_truth
 
 __all__ = ["budget"]
 
@@ -180,6 +182,7 @@ def budget(
         raise SceneError([Problem(f"stage.{field}", message)])
     own = [] if method is None else [read_method(method)]
     refuse_beyond_limits(whole, limits)
+    _require_region(whole, region, limits)
     chosen = own[0].choice(whole.estimate) if own else whole.estimate
     whole = whole.model_copy(update={"estimate": chosen})
     causes = active_sources(whole, known)
@@ -214,6 +217,22 @@ def budget(
         if output is not None:
             _write(values, place, region)
     return values
+
+
+def _require_region(scene: Scene, region: str, limits: Limits | None) -> None:
+    """Raise SceneError if a region of the reference image is empty, before the simulations."""
+    if region != "interior":
+        return
+    one = scene.model_copy(update={"frames": scene.frames.model_copy(update={"count": 1})})
+    with suppress_warnings():
+        truth = make_truth(one, limits=limits)
+    camera, margin = scene.camera, scene.score.interior_margin_px
+    if not main_regions(truth, margin)["interior"].any():
+        message = (
+            f"no pixel of the image of {camera.width} x {camera.height} px is so far from silhouettes and creases: the "
+            "region interior is empty; reduce the margin, or use the region all"
+        )
+        raise SceneError([Problem("score.interior_margin_px", message, margin)])
 
 
 _MAX_SEEDS = 1000

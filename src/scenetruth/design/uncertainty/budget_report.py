@@ -145,17 +145,20 @@ def make_waterfalls(found: Budget, region: str = "interior") -> list[Chart]:
 def _make_chart(found: Budget, quantity: str, region: str) -> Chart:
     total, steps = found.combined(quantity, region), compute_bars(found, quantity, region)
     unit = unit_text(total.unit)
-    titles = [*(step.title for step in steps), "root sum of squares"]
-    figures = [*(step.value for step in steps), total.root_sum_square]
+    # All sources at once are a bar of their own: a line across the others would cover their numbers.
+    sums = {"root sum of squares": total.root_sum_square}
+    sums |= {"all sources, simulated": total.simulated} if math.isfinite(total.simulated) else {}
+    titles, figures = [*(step.title for step in steps), *sums], [*(step.value for step in steps), *sums.values()]
+    colours = [*(COLOURS.get(step.group, "#888888") for step in steps), *("#444444", "#777777")[: len(sums)]]
     bar: dict[str, Any] = {
         "type": "bar",
         "orientation": "h",
         "y": titles,
-        "x": [*(step.end - step.start for step in steps), total.root_sum_square],
-        "base": [*(step.start for step in steps), 0.0],
+        "x": [*(step.end - step.start for step in steps), *sums.values()],
+        "base": [*(step.start for step in steps), *(0.0 for _ in sums)],
         "marker": {
-            "color": [*(COLOURS.get(step.group, "#888888") for step in steps), "#444444"],
-            "opacity": [*(1.0 if step.simulated else 0.45 for step in steps), 1.0],
+            "color": colours,
+            "opacity": [*(1.0 if step.simulated else 0.45 for step in steps), *(1.0 for _ in sums)],
         },
         "text": [format_two_digits(one) for one in figures],
         "textposition": "outside",
@@ -164,7 +167,7 @@ def _make_chart(found: Budget, quantity: str, region: str) -> Chart:
             f"{format_two_digits(step.value)} {unit}, {'simulated' if step.simulated else 'predicted'}"
             for step in steps
         ]
-        + [f"{format_two_digits(total.root_sum_square)} {unit}"],
+        + [f"{format_two_digits(value)} {unit}" for value in sums.values()],
         "hovertemplate": "%{y}: %{customdata}<extra></extra>",
         "showlegend": False,
     }
@@ -177,32 +180,8 @@ def _make_chart(found: Budget, quantity: str, region: str) -> Chart:
             "exponentformat": "none",
         },
         "height": 150 + 32 * len(titles),
-        "margin": {"l": 10, "r": 20, "t": 60, "b": 30},
+        "margin": {"l": 10, "r": 20, "t": 40, "b": 30},
     }
-    if math.isfinite(total.simulated):
-        layout["shapes"] = [
-            {
-                "type": "line",
-                "x0": total.simulated,
-                "x1": total.simulated,
-                "y0": 0,
-                "y1": 1,
-                "yref": "paper",
-                "layer": "below",
-                "line": {"dash": "dash", "width": 1.5, "color": "#000000"},
-            }
-        ]
-        layout["annotations"] = [
-            {
-                "x": total.simulated,
-                "y": 1,
-                "yref": "paper",
-                "yanchor": "bottom",
-                "xanchor": "right",
-                "text": f"all sources, simulated: {format_two_digits(total.simulated)}",
-                "showarrow": False,
-            }
-        ]
     line = "; ".join(f"{step.title} {format_two_digits(step.value)}" for step in steps)
     alt = f"{_heading(quantity)}, {unit}: {line}; combined {format_two_digits(total.root_sum_square)}."
     return Chart(f"waterfall-{quantity}", alt, [bar], layout)

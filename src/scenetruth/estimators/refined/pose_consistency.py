@@ -301,6 +301,8 @@ def maximise_likelihood(matrix: Map, side: Map, group: NDArray[np.intp], varianc
     sizes = np.bincount(group, minlength=count)
     unknown, spread, determined = np.zeros(len(group)), np.ones(len(group)), np.zeros(len(group))
     values: Map = np.zeros(len(group))
+    # In a direction that is not determined, rounding errors of the side would grow without limit.
+    matrix, side = _determined(matrix, side)
     for _ in range(_STEPS):
         root = np.sqrt(variance[group])
         values, vectors = np.linalg.eigh(root[:, None] * matrix * root)

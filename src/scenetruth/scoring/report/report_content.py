@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.number_format import UNDEFINED, format_number, format_percent_value
+from scenetruth.number_format import UNDEFINED, format_measured, format_number, format_percent_value
 from scenetruth.schema import read_intrinsics
 from scenetruth.scoring.alignment import check_estimate, count_blocks, iterate_blocks
 from scenetruth.scoring.common_statistics import COMMON_STATISTICS
@@ -342,15 +342,16 @@ def summarise_estimate(summaries: Mapping[str, MapSummary]) -> list[SummarySente
             continue
         bar = ""
         if entries.median_std is not None:
-            bar = f", with a median stated standard deviation of {format_number(entries.median_std)} {entries.units}"
+            bar = f", with a median stated standard deviation of {format_number(entries.median_std, 2)} {entries.units}"
         if entries.median_common is not None:
-            bar += f" ({format_number(entries.median_common)} of it common to all pixels)"
+            bar += f" ({format_number(entries.median_common, 2)} of it common to all pixels)"
         rest = (
-            f"is the median{bar}; 90 % of the values lie between {format_number(entries.low)} and "
-            f"{format_number(entries.high)} {entries.units}. "
+            f"is the median{bar}; 90 % of the values lie between {format_measured(entries.low, entries.median_std)} "
+            f"and {format_measured(entries.high, entries.median_std)} {entries.units}. "
             f"The density is {format_percent_value(entries.density)} % of all pixels."
         )
-        found.append(SummarySentence(entries.title, format_number(entries.median), entries.units, rest))
+        middle = format_measured(entries.median, entries.median_std)
+        found.append(SummarySentence(entries.title, middle, entries.units, rest))
     return found
 
 

@@ -147,7 +147,7 @@ def test_the_answer_is_judged_by_simulations(sample: DesignResult) -> None:
     depth, growth = summarise_objectives(sample)
     assert (depth.figure, depth.unit, depth.verdict) == ("0.0530", "mm", "")
     assert depth.source == (
-        "scaled median absolute error in 6 simulated recordings (95 %: 0.0475 to 0.0600; predicted 0.0500; RMSE 0.0637)"
+        "scaled median absolute error in 6 simulated recordings (95 %: 0.0475 to 0.0600; predicted 0.050; RMSE 0.0637)"
     )
     assert growth.verdict.startswith("Target: 0.3 %/h. Undecided: ")
 

@@ -15,6 +15,7 @@ from scenetruth.number_format import (
     format_estimate,
     format_interval,
     format_length,
+    format_measured,
     format_number,
     format_signed_percent,
     format_value,
@@ -229,7 +230,8 @@ def _hover_text(rig: RigDesign) -> str:
         text = f"{title}: predicted {format_number(value)}"
         if found is not None:
             between = format_interval(found.pi_low, found.pi_high)
-            text += f", simulated {format_number(found.value)}" + (f" ({between})" if between else "")
+            measured = format_measured(found.value, 0.5 * (found.pi_high - found.pi_low))
+            text += f", simulated {measured}" + (f" ({between})" if between else "")
         lines.append(text)
     return "<br>".join([*lines, *(f"{path} = {format_value(value)}" for path, value in rig.parameters.items())])
 

@@ -46,10 +46,12 @@ from scenetruth.design.optimisation.report.scene_file import (
 )
 from scenetruth.design.optimisation.report.side_view import assign_colours, describe_side_view, draw_side_views
 from scenetruth.design.optimisation.report.side_view_geometry import compute_side_view
+from scenetruth.design.optimisation.standard_lens import describe_standard_lens
 from scenetruth.html import render_page
 from scenetruth.number_format import (
     format_interval,
     format_length,
+    format_measured,
     format_number,
     format_percent,
     format_signed_percent,
@@ -105,19 +107,28 @@ def summarise_objectives(design: DesignResult) -> list[ObjectiveResult]:
         simulated = design.recommended.simulated.get(objective.title)
         if simulated is None:
             source = f"predicted {objective.statistic_title}; not simulated"
-            figure = predicted
+            figure, half = predicted, None
         else:
             between = format_interval(simulated.pi_low, simulated.pi_high)
             line = f"95 %: {between}; " if between else ""
             several = "recording" if simulated.seeds == 1 else "recordings"
             rms = compute_rig_interval(design.recommended, objective.title, "rmse")
-            beside = f"; RMSE {format_number(rms.value)}" if objective.statistic != "rmse" and rms.seeds else ""
-            line += f"predicted {format_number(predicted)}{beside}"
+            beside = (
+                f"; RMSE {format_measured(rms.value, 0.5 * (rms.pi_high - rms.pi_low))}"
+                if objective.statistic != "rmse" and rms.seeds
+                else ""
+            )
+            line += f"predicted {format_number(predicted, 2)}{beside}"
             source = f"{objective.statistic_title} in {simulated.seeds} simulated {several} ({line})"
-            figure = simulated.value
+            figure, half = simulated.value, 0.5 * (simulated.pi_high - simulated.pi_low)
         verdict = _verdict(design, objective)
-        found.append(ObjectiveResult(objective.title, format_number(figure), objective.unit, source, verdict))
+        found.append(ObjectiveResult(objective.title, _figure(figure, half), objective.unit, source, verdict))
     return found
+
+
+def _figure(value: float, half: float | None) -> str:
+    """Return a result; predictions are accurate to two digits."""
+    return format_number(value, 2) if half is None else format_measured(value, half)
 
 
 def _verdict(design: DesignResult, objective: Objective) -> str:
@@ -272,6 +283,7 @@ def write_design_page(design: DesignResult, folder: str | Path) -> Path:
         drawings=draw_side_views(view),
         drawn=describe_side_view(view),
         outlines=list(zip(view.outlines, assign_colours(view), strict=True)),
+        bought=list(describe_standard_lens(design.standard_lens, design.objectives, design.recommended)),
         parameters=build_parameter_table(design),
         file=build_scene_file(design.recommended, "recommended.yaml"),
         cost=describe_cost(Scene.from_dict(design.recommended.scene)),

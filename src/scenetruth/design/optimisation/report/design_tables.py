@@ -20,6 +20,7 @@ from scenetruth.number_format import (
     format_estimate,
     format_interval,
     format_length,
+    format_measured,
     format_number,
     format_percent,
     format_signed_percent,
@@ -86,10 +87,10 @@ def build_front_table(design: DesignResult) -> HtmlTable:
         for objective in design.objectives:
             found = rig.simulated.get(objective.title, _NOTHING)
             entries = format_interval(found.pi_low, found.pi_high) or UNDEFINED
-            line += [_number_cell(rig.predicted.get(objective.title)), _number_cell(found.value)]
+            line += [_number_cell(rig.predicted.get(objective.title)), _measured_cell(found)]
             line.append(HtmlCell(entries, found.pi_low if math.isfinite(found.pi_low) else None))
             others = [compute_rig_interval(rig, objective.title, name) for name in _OTHER[objective.statistic]]
-            line += [_number_cell(one.value) for one in others]
+            line += [_measured_cell(one) for one in others]
         line += [
             HtmlCell(format_value(value), _sort_key(value))
             for value in (rig.parameters.get(path, "") for path in parameters)
@@ -176,7 +177,7 @@ def build_discrepancy_table(design: DesignResult) -> HtmlTable:
             HtmlCell(str(one.rig), one.rig),
             HtmlCell(one.objective),
             _number_cell(one.predicted),
-            _number_cell(one.simulated.value),
+            _measured_cell(one.simulated),
             HtmlCell(
                 format_interval(one.simulated.pi_low, one.simulated.pi_high) or UNDEFINED, _finite(one.simulated.pi_low)
             ),
@@ -264,6 +265,12 @@ def _sort_key(value: Any) -> float | None:
 
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+def _measured_cell(found: PredictionInterval) -> HtmlCell:
+    """Return the cell of a simulated value, with the digits that its interval justifies."""
+    text = format_measured(found.value, 0.5 * (found.pi_high - found.pi_low))
+    return HtmlCell(text, _finite(found.value))
 
 
 def _number_cell(value: float | None, unit: str = "") -> HtmlCell:
