@@ -374,7 +374,18 @@ def test_a_circle_is_seen_wherever_the_import_stands(tmp_path: Path) -> None:
 
 
 WHOLE_PROJECT = {
-    *("accuracy", "import_rules", "own_estimator", "prose", "public", "resident_memory", "style", "wheel", "wind_sway"),
+    *(
+        "accuracy",
+        "import_rules",
+        "nightly",
+        "own_estimator",
+        "prose",
+        "public",
+        "resident_memory",
+        "style",
+        "wheel",
+        "wind_sway",
+    ),
 }
 """Tests at the top that belong to no module."""
 APART = {"browser", "docs", "fuzz", "helpers", "plugins"}
