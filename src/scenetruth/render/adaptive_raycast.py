@@ -119,7 +119,7 @@ class AdaptiveRenderer(SteppedLightRenderer):
         self._average(view, canvas, left, rules, edges.mixed)
         cut = self._cut(view, canvas, edges, rules)
         traced = self._trace_samples(view, canvas, edges.mixed.ravel() if self._shader is not None else None)
-        if traced:
+        if traced and len(cut.pixels):
             pixel, face, lit = zip(*traced, strict=True)
             self._cut_again(view, canvas, cut, *map(np.concatenate, (pixel, face, lit)))
         return image.reshape(shape) * np.float32(self._lighting.brightness(t))
