@@ -269,3 +269,17 @@ def test_settings_without_the_new_fields_are_written_as_before() -> None:
     finer = scene_with(plane("sheet", 1.0, (12.0, 9.0)), render={"backend": "raycast", "image_error": 1e-5})
     assert st.Scene.from_dict(finer.to_dict()) == finer
     assert type(choose_renderer(finer, world).renderer) is AdaptiveRenderer
+
+
+def test_strips_as_narrow_as_pixels_have_enough_samples() -> None:
+    """Pixels between two outlines: the texture along the other axis is far finer than that from pixel to pixel."""
+    strip = {"name": "strip", "mesh": {"kind": "plane", "size_mm": [60, 60]}}
+    strip |= {"texture": {"kind": "noise", "wavelength_mm": [6.0, 20.0]}}
+    strip |= {"pose": {"position_mm": [0.2, 0, 660], "rotations": [{"axis": [0, 1, 0], "angle_deg": 87.2}]}}
+    scene = scene_with(strip, camera={"focal_length_px": 660})
+    world = build_scene(scene)
+    fine = RaycastRenderer(world, scene.camera.refined(64, 0), 0.0, 1).render(0.0, ON_AXIS)
+    expected = fine.reshape(32, 64, 40, 64).mean(axis=(1, 3), dtype=np.float64)
+    inner = fine.reshape(32, 64, 40, 64).min(axis=(1, 3)) > 0
+    assert np.count_nonzero(inner) > 60
+    assert np.abs(image_of(scene) - expected)[inner].max() < 1e-4

@@ -69,6 +69,21 @@ def test_facets_are_within_the_stated_error(lamp: str, material: dict[str, Any],
     assert rms(rendered(scene, world) - expected) < 1e-4 + 8e-5
 
 
+@pytest.mark.parametrize("lamp", LAMPS)
+def test_images_without_pixels_that_can_be_cut(lamp: str) -> None:
+    """Textures too fine for Gauss points: all mixed pixels have a lattice of samples."""
+    scene = scene_of(
+        {"texture": {"kind": "noise", "wavelength_mm": [0.5, 2.0]}},
+        camera={"width": WIDTH, "height": HEIGHT, "focal_length_px": 60},
+        lighting={"ambient": 0.1, "lights": [LAMPS[lamp]]},
+    )
+    world = world_of(scene, relief(5, 4))
+    expected = even_samples(scene, world, 48)
+    assert np.ptp(expected) > 0.2
+    # As far as 521 samples go: the texture, whose standard deviation is 0.125, has 5 to 20 waves per pixel.
+    assert rms(rendered(scene, world) - expected) < 0.5 * 0.125 / np.sqrt(521)
+
+
 def test_few_fixed_samples_are_not() -> None:
     scene, world = facets(7, 20, "directional", {})
     expected = even_samples(scene, world)

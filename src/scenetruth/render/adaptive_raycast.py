@@ -12,6 +12,7 @@ from scenetruth.camera import Viewpoint
 from scenetruth.raycast import Changes, ImageRays, MixedPixels, RayCaster, SurfaceLines, TexturedMesh, find_mixed_pixels
 from scenetruth.render.footprint_averages import ImageCanvas
 from scenetruth.render.footprint_rules import (
+    ALONE,
     BLOCK,
     FINE,
     UNCUT,
@@ -119,7 +120,7 @@ class AdaptiveRenderer(SteppedLightRenderer):
         self._average(view, canvas, left, rules, edges.mixed)
         cut = self._cut(view, canvas, edges, rules)
         traced = self._trace_samples(view, canvas, edges.mixed.ravel() if self._shader is not None else None)
-        if traced:
+        if traced and len(cut.pixels):
             pixel, face, lit = zip(*traced, strict=True)
             self._cut_again(view, canvas, cut, *map(np.concatenate, (pixel, face, lit)))
         return image.reshape(shape) * np.float32(self._lighting.brightness(t))
@@ -150,12 +151,13 @@ class AdaptiveRenderer(SteppedLightRenderer):
         """Change the rules for textures without an end of their spectrum, by the bends of the texture in each pixel."""
         from scenetruth.render.pixel_filter_kernels import NO_RULE, texture_ranges
 
-        fine = rules == FINE
+        fine, alone = rules == FINE, (rules == FINE - 1) & np.isinf(steps)
         np.putmask(rules, fine, FINE + 1)
         for index, item in enumerate(self._world.bodies):
             tinted = item.texture if isinstance(item.texture, TintedTexture) else TintedTexture(item.texture, 1.0)
             factor = max(tinted.factor, 1.0)
             if item.texture.cubic:
+                rules[alone & (body == index)] = ALONE
                 every = np.flatnonzero((body == index) & fine & (steps < np.inf))
                 if len(every):
                     self._choose_wide(rules, steps, every, tinted.untinted, factor, float(self._longest[index, -1]))

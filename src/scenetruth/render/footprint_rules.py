@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from scenetruth.render.footprint_kernels import Raster
 
 __all__ = [
-    "BLOCK", "FINE", "UNCUT", "WIDE", "all_rules", "bend_errors", "block_bends", "cell_orders", "gauss_tables",
+    "ALONE", "BLOCK", "FINE", "UNCUT", "WIDE", "all_rules", "bend_errors", "block_bends", "cell_orders", "gauss_tables",
     "raster_of", "rule_table",
 ]  # fmt: skip
 
@@ -34,6 +34,9 @@ FINE = 1 + len(GAUSS_ORDERS)
 """Index of the first lattice among the rules; the first rule is the filter."""
 WIDE = FINE + len(_LATTICES) + len(_SQUARES)
 """Index of the first of the Gauss rules for pixels with many texels."""
+ALONE = WIDE + len(WIDE_ORDERS)
+"""Index of the rule of pixels without a neighbour on their surface along an axis: they may contain many texels."""
+_ALONE_ORDER = 24  # Gauss points along each axis of these few pixels
 BLOCK = 8
 """Texels along a side of the blocks whose bends are kept."""
 _BAND = 64 * BLOCK  # rows of a texture whose bends are computed together
@@ -43,7 +46,7 @@ _BAND = 64 * BLOCK  # rows of a texture whose bends are computed together
 def all_rules() -> list[Rule]:
     """Return the rules from the first Gauss rule on."""
     gauss = [square_rule(*gauss_rule(order)) for order in GAUSS_ORDERS]
-    wide = [square_rule(*gauss_rule(order)) for order in WIDE_ORDERS]
+    wide = [square_rule(*gauss_rule(order)) for order in (*WIDE_ORDERS, _ALONE_ORDER)]
     return [*gauss, *map(lattice_rule, _LATTICES), *(square_rule(*even_rule(order)) for order in _SQUARES), *wide]
 
 
@@ -77,7 +80,9 @@ def cell_orders() -> NDArray[np.uint8]:
     """
     orders = np.full(256, UNCUT, dtype=np.uint8)
     orders[:FINE] = 2, 2, 2, 3, 4, 4
-    orders[WIDE : WIDE + len(WIDE_ORDERS)] = np.minimum(np.array(WIDE_ORDERS) + 2, WIDE_ORDERS[-1])
+    orders[WIDE:ALONE] = np.minimum(np.array(WIDE_ORDERS) + 2, WIDE_ORDERS[-1])
+    # Pixels around them may contain fewer texels.
+    orders[ALONE] = orders[FINE - 1]
     # Pixels without a surface, and mixed pixels.
     orders[255] = 0
     return orders
