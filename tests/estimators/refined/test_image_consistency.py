@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -226,3 +227,37 @@ def test_noise_is_no_larger_than_what_is_fine(noisy: xr.Dataset) -> None:
         images = ImageStack(splines, np.zeros((1, 2)), np.array([0.0, 1.0]), 1000.0, (59.5, 44.5), np.zeros((2, 4)))
         found = fine_contrast(images, 4.0)[15:-15, 15:-15]
         assert np.median(found) == pytest.approx(expected, rel=0.05)
+
+
+@nightly
+def test_images_that_are_nearly_all_saturated_are_invalid_and_no_failure() -> None:
+    """No image is an exception: a highlight saturates three of four pixels in all of them."""
+    turn = {"axis": [0, 1, 0], "angle_deg": 10}
+    item = {
+        "name": "plane",
+        "mesh": {"kind": "plane", "size_mm": [150, 120]},
+        "texture": {"kind": "noise", "wavelength_mm": [2.5, 10], "mean": 0.35},
+        "material": {"refractive_index": 1.5, "roughness": 0.1},
+        "pose": {"position_mm": [0, 0, 600], "rotations": [turn]},
+        "motion": [{"kind": "velocity", "velocity_mm_per_frame": [0.3, 0.1, -0.2]}],
+    }
+    # Parallel light that the plane reflects into the camera.
+    lamp = {"kind": "directional", "direction": [np.sin(np.pi / 9), 0, np.cos(np.pi / 9)], "irradiance": 0.8}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", st.SceneWarning)
+        recording, _ = st.simulate(
+            {
+                "camera": {"width": 160, "height": 120, "focal_length_px": 1200},
+                "stage": {"positions": 5, "baseline_mm": 3.0},
+                "frames": {"count": 5},
+                "lighting": {"ambient": 0.15, "lights": [lamp]},
+                "objects": [item],
+                "sensor": {"noise_std": 0.005, "bit_depth": 12},
+                "seed": 1,
+            }
+        )
+    assert (recording["image"] == 4095).mean() > 0.7
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", st.EstimateWarning)
+        estimate = st.estimate(recording, "refined")
+    assert not estimate["valid"].any()

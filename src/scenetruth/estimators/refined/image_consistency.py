@@ -157,7 +157,8 @@ def find_inconsistent_of_regions(
         if low.sum() < _MOST_LEFT * shown.sum() and shown.sum() - low.sum() >= least:
             off |= low
     found |= {(int(n) // cameras, int(n) % cameras) for n in np.flatnonzero(off)}
-    return frozenset(found)
+    # If nearly all pixels of all images are saturated, no image is an exception.
+    return frozenset(found) if len(found) < cameras * len(part.times) else frozenset()
 
 
 # Power of the noise share by which a quintic resampling reduces second differences of noise, to 10 %.
