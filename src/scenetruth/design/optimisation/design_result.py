@@ -144,7 +144,7 @@ def _changed(objectives: Sequence[Objective], sensitivities: Sequence[Sensitivit
         parts = [f"{one.parameter} {_signed(one.ten_percent)} ({_signed(one.ten_percent_less)})" for one in own]
         if parts:
             most = ", ".join(parts[:_MOST_LISTED])
-            yield f"an increase (decrease) of each parameter by 10 % changes {objective.title.lower()} by: {most}"
+            yield f"an increase (decrease) of each parameter by 10 % changes {objective.title[0].lower()}{objective.title[1:]} by: {most}"
 
 
 def _signed(share: float) -> str:
