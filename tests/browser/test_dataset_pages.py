@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import copy
+import csv
+import io
+import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +14,7 @@ import pytest
 from scenetruth.dataset import preview_dataset, write_card
 from scenetruth.dataset.generation import run_dataset
 from scenetruth.dataset.recipe_loader import Recipe
+from tests.browser.test_page_tools import saved
 from tests.helpers.browser_pages import opened, reads_well
 from tests.helpers.small_recipes import RECIPE
 
@@ -27,6 +31,16 @@ def pages(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> dict[str, P
     recipe = Recipe.from_dict(plain).sampler()
     run_dataset(recipe.recipe, output=folder / "tiles", workers=1)
     return {"preview": preview_dataset(recipe.recipe, output=folder / "preview"), "card": write_card(folder / "tiles")}
+
+
+def test_histograms_of_a_card_are_saved_as_pictures_and_as_numbers(browser: Any, pages: dict[str, Path]) -> None:
+    with opened(browser, pages["card"], "main") as page:
+        tools = page.locator("figure", has=page.locator("template.copy")).first.locator(".tools")
+        assert ET.fromstring(saved(page, tools, "svg")).tag.endswith("svg")
+        assert saved(page, tools, "png").startswith(b"\x89PNG")
+        head, *rows = csv.reader(io.StringIO(saved(page, tools, "csv").decode("utf-8")))
+        assert len(rows) == 3
+        assert any("pose position Z" in title for title in head)
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,10 @@ def leave_undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    def save(figure: Figure, path: str | Path, metadata: dict[str, str] | None = None, **options: Any) -> None:
+    def save(figure: Figure, path: str | Path | StringIO, metadata: Any = None, **options: Any) -> None:
+        if isinstance(path, StringIO):
+            path.write("<svg/>")
+            return
         if Path(path).suffix == ".pdf":
             Path(path).write_bytes(b"%PDF-1.4\n")
             return

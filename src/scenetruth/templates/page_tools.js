@@ -325,7 +325,11 @@ window.scenetruthPage = (() => {
     for (const around of document.querySelectorAll(".wide, .scroll")) watchWidth(around);
     for (const table of document.querySelectorAll("main table")) addTableTools(table);
     for (const picture of document.querySelectorAll("main figure > img")) {
-      addTools(picture.parentElement, picture.alt, {png: () => canvasOf(picture)});
+      // Pictures in files of their own cannot be read from a page that is a file: their SVG and data are in the page.
+      const copy = picture.parentElement.querySelector("template.copy"), rows = picture.parentElement.querySelector("script.rows");
+      const svg = copy && (() => new XMLSerializer().serializeToString(copy.content.querySelector("svg")));
+      const whole = {svg, png: async () => svgCanvas(svg()), csv: rows && (() => JSON.parse(rows.textContent))};
+      addTools(picture.parentElement, picture.alt, copy ? whole : {png: () => canvasOf(picture)});
     }
     for (const svg of document.querySelectorAll("main figure > svg")) {
       const heading = svg.parentElement.querySelector("h3");

@@ -91,6 +91,13 @@ def test_card(dataset: Path) -> None:
     assert f'<th scope="row">depth of tile over 100 mm</th><td data-label="draws">{refused}</td>' in text
     for name in ("contact_sheet", "values", "statistics"):
         assert f'src="card/{name}.png"' in text
+    # Two figures can be copied as SVG, and their values as rows under their titles.
+    assert text.count('<template class="copy"><svg') == text.count('class="rows">') == 2
+    rows = json.loads(text.split('class="rows">')[1].partition("</script>")[0])
+    place = rows[0].index("tile: pose position Z [mm]")
+    drawn = [row[place] for row in rows[1:] if row[place] != ""]
+    (column,) = (name for name in rejected if name.endswith("position_mm.2"))
+    assert drawn == [value for value, step in zip(rejected[column], rejected["step"], strict=True) if not step]
     markdown = (dataset / "card.md").read_text(encoding="utf-8")
     assert "<script>" not in markdown
     assert r"\*\*bold\*\*" in markdown

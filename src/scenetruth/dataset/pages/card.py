@@ -106,13 +106,14 @@ def build_card_contents(
     statistics = [_statistic(name, table[name].to_pylist()) for name in STATISTICS if name in table.column_names]
     statistics = [one for one in statistics if one.numbers]
     _draw_sheet(folder, table, pictures / SHEET, progress)
+    copies: dict[str, dict[str, Any]] = {}
     if quantities:
-        draw_histograms(quantities, pictures / VALUES)
+        copies[VALUES] = _copies(draw_histograms(quantities, pictures / VALUES), quantities[:MOST_CHARTS])
     if paired:
-        draw_pairs(paired, pictures / PAIRS)
+        copies[PAIRS] = _copies(draw_pairs(paired, pictures / PAIRS), paired)
     drawn = [one for one in statistics if not one.is_constant]
     if drawn:
-        draw_histograms(drawn, pictures / STATED)
+        copies[STATED] = _copies(draw_histograms(drawn, pictures / STATED), drawn[:MOST_CHARTS])
     sizes = np.array(table["bytes"].to_pylist(), dtype=np.int64)
     attempts = [number for number, step in zip(*_columns(table, "attempts", "step"), strict=True) if step == 0]
     return {
@@ -139,7 +140,18 @@ def build_card_contents(
         "left_out": max(len(quantities) - MOST_CHARTS, 0),
         "pairs": PAIRS if paired else "",
         "stated": STATED if drawn else "",
+        "copies": copies,
     }
+
+
+def _copies(svg: str, quantities: Sequence[PlotQuantity]) -> dict[str, Any]:
+    """Return what the page offers to copy of a figure: the SVG, and rows of its values under their titles."""
+    columns: list[list[Any]] = [
+        list(one.numbers) or [value for value, count in one.counts for _ in range(count)] for one in quantities
+    ]
+    longest = max(map(len, columns), default=0)
+    padded = [[*column, *[""] * (longest - len(column))] for column in columns]
+    return {"svg": svg, "rows": [[one.label for one in quantities], *map(list, zip(*padded, strict=True))]}
 
 
 def _reasons(table: pyarrow.Table) -> list[tuple[str, str]]:

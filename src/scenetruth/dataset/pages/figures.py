@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from scenetruth.dataset.pages.page_text import describe_value, format_label, format_title, split_unit
 from scenetruth.dataset.sampler import Sampler
-from scenetruth.scoring.figures.figure_style import BLUE, GREY, new_figure, save, style
+from scenetruth.scoring.figures.figure_style import BLUE, GREY, new_figure, save, style, svg_of
 
 if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont
@@ -151,8 +151,8 @@ _LETTERS = 24
 """Maximum number of letters below the bars."""
 
 
-def draw_histograms(quantities: Sequence[PlotQuantity], path: Path) -> None:
-    """Draw histograms of quantities into one figure."""
+def draw_histograms(quantities: Sequence[PlotQuantity], path: Path) -> str:
+    """Draw histograms of quantities into one figure, and return it as SVG."""
     shown = quantities[:MOST_CHARTS]
     columns = min(_CHART_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
@@ -166,6 +166,7 @@ def draw_histograms(quantities: Sequence[PlotQuantity], path: Path) -> None:
             else:
                 _bars(axes, quantity)
         save(figure, path)
+        return svg_of(figure)
 
 
 def select_paired(quantities: Sequence[PlotQuantity]) -> list[PlotQuantity]:
@@ -188,8 +189,8 @@ def _alike(one: PlotQuantity, other: PlotQuantity) -> bool:
     return bool((a == b).all() or (a == len(b) - 1 - b).all())
 
 
-def draw_pairs(quantities: Sequence[PlotQuantity], path: Path) -> None:
-    """Draw pair plots of all quantities into one figure."""
+def draw_pairs(quantities: Sequence[PlotQuantity], path: Path) -> str:
+    """Draw pair plots of all quantities into one figure, and return it as SVG."""
     pairs = list(combinations(quantities, 2))
     columns = min(_CHART_COLUMNS, len(pairs))
     rows = -(-len(pairs) // columns)
@@ -204,6 +205,7 @@ def draw_pairs(quantities: Sequence[PlotQuantity], path: Path) -> None:
             axes.tick_params(labelsize=7)
             axes.grid(visible=True)
         save(figure, path)
+        return svg_of(figure)
 
 
 def _histogram(axes: Any, quantity: PlotQuantity) -> None:

@@ -144,7 +144,8 @@ def _changed(objectives: Sequence[Objective], sensitivities: Sequence[Sensitivit
         parts = [f"{one.parameter} {_signed(one.ten_percent)} ({_signed(one.ten_percent_less)})" for one in own]
         if parts:
             most = ", ".join(parts[:_MOST_LISTED])
-            yield f"an increase (decrease) of each parameter by 10 % changes {objective.title.lower()} by: {most}"
+            title = f"{objective.title[0].lower()}{objective.title[1:]}"
+            yield f"an increase (decrease) of each parameter by 10 % changes {title} by: {most}"
 
 
 def _signed(share: float) -> str:

@@ -82,7 +82,8 @@ def _errors(one: Evaluation, objectives: tuple[Objective, ...]) -> Iterator[str]
         largest = max(parts, key=lambda name: parts[name])
         share = 100 * parts[largest] ** 2 / whole
         stated = _CONTRIBUTION_TITLES[largest]
-        yield f"{objective.title.lower()} is limited by {stated} ({share:.0f} % of the predicted variance)"
+        title = f"{objective.title[0].lower()}{objective.title[1:]}"
+        yield f"{title} is limited by {stated} ({share:.0f} % of the predicted variance)"
 
 
 def _ends(one: Evaluation, space: DesignSpace) -> Iterator[str]:

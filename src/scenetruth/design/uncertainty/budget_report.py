@@ -145,7 +145,7 @@ def make_waterfalls(found: Budget, region: str = "interior") -> list[Chart]:
 def _make_chart(found: Budget, quantity: str, region: str) -> Chart:
     total, steps = found.combined(quantity, region), compute_bars(found, quantity, region)
     unit = unit_text(total.unit)
-    # All sources together are a bar of their own: a line across the others would cover their numbers.
+    # The simulation with all sources is a bar of its own: a line across the others would cover their numbers.
     sums = {"root sum of squares": total.root_sum_square}
     sums |= {"all sources, simulated": total.simulated} if math.isfinite(total.simulated) else {}
     titles, figures = [*(step.title for step in steps), *sums], [*(step.value for step in steps), *sums.values()]

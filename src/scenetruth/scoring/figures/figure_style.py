@@ -117,6 +117,19 @@ def also_as(formats: Collection[str]) -> Iterator[None]:
         _also.reset(before)
 
 
+def svg_of(figure: Any) -> str:
+    """Return a figure as an SVG element, with the same identifiers in every run."""
+    from io import StringIO
+
+    from matplotlib import rc_context
+
+    text = StringIO()
+    with rc_context({"svg.hashsalt": "scenetruth"}):
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    found = text.getvalue()
+    return found[found.index("<svg") :]
+
+
 def save(figure: Any, path: Path) -> None:
     """Write a figure as PNG and in the formats of `also_as`; the output is reproducible byte for byte."""
     layout = figure.get_layout_engine()
