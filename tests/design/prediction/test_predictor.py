@@ -20,6 +20,7 @@ from scenetruth.design.prediction import TITLES, UNITS, predict, predict_quickly
 from scenetruth.resources.enforcement import limited_objects
 from scenetruth.scene import Scene
 from scenetruth.scoring import QUANTITIES
+from tests.helpers.nightly import nightly
 from tests.helpers.prediction_scenes import wall
 from tests.helpers.scenes import SCENES, cube
 
@@ -222,7 +223,14 @@ def test_light_that_is_not_predicted_is_noted_with_the_objects() -> None:
     assert predict(scene, method="refined").notes == ("shadows are not included",)
     assert highlights in predict(scene, method="structure_tensor").notes
     assert not any("matt" in note or "size" in note for note in predict(wall(lighting={"ambient": 0.2})).notes)
-    maps = predict(scene, method="refined", model="maps").notes
+
+
+@nightly
+def test_notes_of_maps_are_those_of_a_rendered_image() -> None:
+    lamp = {"kind": "sphere", "position_mm": [0, -200, 300], "radius_mm": 5, "irradiance": 0.8}
+    lit = {"ambient": 0.2, "lights": [lamp | {"reference_distance_mm": 300}]}
+    item = wall()["objects"][0] | {"material": {"refractive_index": 1.5, "roughness": 0.2}}
+    maps = predict(wall(objects=[item], lighting=lit), method="refined", model="maps").notes
     assert maps == ("errors by shadows that move over surfaces are not included",)
 
 

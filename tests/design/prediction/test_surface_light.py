@@ -69,6 +69,7 @@ def test_light_of_a_plane_is_that_of_its_image(lamp: str, material: str) -> None
     np.testing.assert_allclose(found, image, rtol=4e-3, atol=1e-5)
 
 
+@nightly
 def test_light_of_a_curved_surface_is_that_of_its_image() -> None:
     """A ball of 1000 triangles of 8 degrees: smoothed normals differ by a tenth of that, and highlights are 17 wide."""
     ball = lit(LIGHTS["point"], {"refractive_index": 1.5, "roughness": 0.3}, mesh={"kind": "sphere", "radius_mm": 40})
@@ -150,6 +151,7 @@ def glossy(roughness: float, lamp: dict[str, Any]) -> dict[str, Any]:
     return plain
 
 
+@nightly
 def test_sharp_highlights_that_slide_cost_depth_and_smooth_highlights_nothing() -> None:
     lamp = {"kind": "point", "position_mm": [0, 0, 480], "irradiance": 0.6, "reference_distance_mm": 120}
     errors = {
