@@ -72,8 +72,9 @@ def test_shear_takes_any_gradient(times: int) -> None:
     assert np.mean(motion_of(found) == MOTION_AFFINE) > 0.95
     # At 4 % per frame the rounds have not quite settled: it is 1.4, and 1.05 with `motion: affine` from the start.
     assert np.sqrt(np.mean(scaled(found, *exact) ** 2)) < 1.0 + SCATTER + (0.25 if times == 10 else 0.0)
+    # Standard deviations of the wrong model include part of its error.
     with np.errstate(invalid="ignore"):
-        assert np.sqrt(np.nanmean(scaled(fixed, *exact) ** 2)) > 3.0
+        assert np.sqrt(np.nanmean(scaled(fixed, *exact) ** 2)) > 2.0
 
 
 @nightly
@@ -113,7 +114,8 @@ def test_fewer_frames_are_used_where_all_do_not_agree() -> None:
     assert inner(found)["image_count"].values.max() <= 25
     assert np.sqrt(np.mean(scaled(found, *exact) ** 2)) < 1.0 + SCATTER
     over_all = estimated(recording, acceleration=True, max_residual_ratio=100)
-    assert np.sqrt(np.nanmean(scaled(over_all, *exact)[0] ** 2)) > 2.5
+    off, off_over_all = (inner(each)["depth"].values - exact[0][ROWS, COLUMNS] for each in (found, over_all))
+    assert np.sqrt(np.nanmean(off_over_all**2)) > 3 * np.sqrt(np.mean(off**2))
 
 
 def test_what_smaller_windows_change_tells_the_bias() -> None:
