@@ -131,7 +131,7 @@ def draw_errors(results: Results, file: Path) -> Path:
         )
         axis.invert_yaxis()
         axis.set_xlabel(
-            "value relative to refined with the same four images; left of the line, the program is more accurate"
+            "value relative to refined with the same four images\nleft of the line, the program is more accurate"
         )
         axis.grid(alpha=0.3, axis="x", which="major")
         if axis.get_legend_handles_labels()[1]:
