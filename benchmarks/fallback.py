@@ -1,7 +1,7 @@
 """How far the standard deviations of fallback values can be trusted, on stand-ins for real captures.
 
-Run it from the top of the repository: ``python -m benchmarks.fallback [NAME ...] [--aside] [--cache DIR]``. Wrong is a
-disparity with an error of more than 0.25 px per step.
+Run it from the top of the repository: ``python -m benchmarks.fallback [NAME ...] [--held-out] [--cache DIR]``. Wrong is
+a disparity with an error of more than 0.25 px per step.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ def assess(scene: dict[str, Any], cache: str | None) -> dict[str, list[float]]:
 def main() -> None:
     """Print a table with a line for each scene and status."""
     parser = arguments(__doc__)
-    parser.add_argument("--aside", action="store_true", help="the sets that stand aside instead of the others")
+    parser.add_argument("--held-out", action="store_true", help="the sets that are held out instead of the others")
     parser.add_argument("--cache", help="folder of simulated scenes")
     given = parser.parse_args()
-    scenes = list_sets(aside=given.aside) | ({} if given.aside else {name: scene_of(name) for name in SCENES})
+    scenes = list_sets(held_out=given.held_out) | ({} if given.held_out else {name: scene_of(name) for name in SCENES})
     print(heading(COLUMNS), flush=True)
     for name, rows in ends(assess, {name: (scene, given.cache) for name, scene in scenes.items()}, given):
         for status, values in rows.items():

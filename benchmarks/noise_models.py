@@ -1,8 +1,8 @@
 """``noise: estimated`` of `refined` beside ``uniform``: bias, RMSE, z-scores, valid pixels and time, scene by scene.
 
-Run it from the top of the repository: ``python -m benchmarks.noise_models [NAME ...] [--aside] [--kept FILE]
+Run it from the top of the repository: ``python -m benchmarks.noise_models [NAME ...] [--held-out] [--kept FILE]
 [--cache DIR]``; the bundled scenes (`benchmarks.trust_shipped`) and those of `benchmarks.trust_noise`. Values are those
-of the interior. Every third scene stands aside (``--aside``). Times are processor times, taken by turns.
+of the interior. Every third scene is held out (``--held-out``). Times are processor times, taken by turns.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def warm_up(settings: str) -> None:
 def main() -> None:
     """Print a line for each scene and quantity, ``uniform / estimated``, and ratios of both over all scenes."""
     given, settings = parse_arguments(__doc__)
-    scenes = [each for each in list_scenes(aside=given.aside) if each[0].split()[0] in FAMILIES]
+    scenes = [each for each in list_scenes(held_out=given.held_out) if each[0].split()[0] in FAMILIES]
     print(heading(COLUMNS), flush=True)
     every: list[dict[str, Any]] = []
     for name, found in ends(compare, {name: (scene, settings, given.cache) for name, scene in scenes}, given):

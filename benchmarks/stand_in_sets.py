@@ -1,6 +1,6 @@
 """More stand-ins for real captures: bare surfaces, repeated things, steps of 2 to 30 px, 3 to 9 views.
 
-Views have 280 x 210 pixels. Every second one stands aside: it is looked at only to confirm what was
+Views have 280 x 210 pixels. Every second one is held out: it is looked at only to confirm what was
 chosen on the others.
 """
 
@@ -196,6 +196,6 @@ SETS: dict[str, Plain] = {
 """Scenes by name."""
 
 
-def list_sets(*, aside: bool) -> dict[str, Plain]:
-    """Return the sets that stand aside, or the others."""
-    return {name: scene for number, (name, scene) in enumerate(SETS.items()) if (number % 2 == 1) == aside}
+def list_sets(*, held_out: bool) -> dict[str, Plain]:
+    """Return the sets that are held out, or the others."""
+    return {name: scene for number, (name, scene) in enumerate(SETS.items()) if (number % 2 == 1) == held_out}

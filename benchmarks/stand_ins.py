@@ -1,7 +1,7 @@
 """What the methods for depth make of stand-ins for real captures, beside OpenCV's matchers at their best settings.
 
 Run it from the top of the repository: ``python -m benchmarks.stand_ins``, or with names: ``... bars painted``;
-``--aside`` takes the sets that stand aside instead of all others.
+``--held-out`` takes the sets that are held out instead of all others.
 Bad is a pixel whose disparity is off by more than 0.25 px per step, or has no estimate.
 """
 
@@ -173,9 +173,9 @@ def main() -> None:
     """Print the table, row by row."""
     warnings.simplefilter("ignore")
     given = set(sys.argv[1:])
-    aside = "--aside" in given
-    scenes = list_sets(aside=aside) | ({} if aside else {name: scene_of(name) for name in SCENES})
-    chosen = {name: scene for name, scene in scenes.items() if name in given or not given - {"--aside"}}
+    held_out = "--held-out" in given
+    scenes = list_sets(held_out=held_out) | ({} if held_out else {name: scene_of(name) for name in SCENES})
+    chosen = {name: scene for name, scene in scenes.items() if name in given or not given - {"--held-out"}}
     head = f"scene | method | bad, % | up to {OUTLINE_PX} px from edges | farther | untextured | missing | wrong | s"
     print(f"| {head} |\n|{9 * '---|'}")
     for name, scene in chosen.items():

@@ -1,8 +1,9 @@
 """How far the stated standard deviations of a method can be trusted: errors in units of them, scene by scene.
 
-Run it from the top of the repository: ``python -m benchmarks.trust [NAME ...] [--aside] [--kept FILE] [--cache DIR]``;
-small scenes of 240 x 180 pixels, 5 cameras, 9 frames. Every third scene of a family stands aside (``--aside``): it is
-looked at only to confirm what was chosen on the others. Families are in the modules ``trust_*`` beside this one.
+Run it from the top of the repository: ``python -m benchmarks.trust [NAME ...] [--held-out] [--kept FILE] [--cache
+DIR]``; small scenes of 240 x 180 pixels, 5 cameras, 9 frames. Every third scene of a family is held out
+(``--held-out``): it is looked at only to confirm what was chosen on the others. Families are in the modules
+``trust_*`` beside this one.
 """
 
 from __future__ import annotations
@@ -75,12 +76,12 @@ def family(name: str) -> Mapping[str, Plain]:
     return dict(importlib.import_module(f"benchmarks.{name}").SCENES)
 
 
-def list_scenes(*, aside: bool) -> Iterator[tuple[str, Plain]]:
-    """Give the scenes of all families, those that stand aside or the others."""
+def list_scenes(*, held_out: bool) -> Iterator[tuple[str, Plain]]:
+    """Give the scenes of all families, those that are held out or the others."""
     for module in sorted(each.name for each in pkgutil.iter_modules(benchmarks.__path__)):
         if module.startswith("trust_"):
             for number_, (name, scene) in enumerate(family(module).items()):
-                if (number_ % 3 == 2) == aside:
+                if (number_ % 3 == 2) == held_out:
                     yield f"{module.removeprefix('trust_')} {name}", scene
 
 
@@ -137,7 +138,7 @@ def assess(scene: Plain, settings: Plain, cache: str | None) -> dict[str, dict[s
 def parse_arguments(description: str | None) -> tuple[argparse.Namespace, Plain]:
     """Return the arguments of a benchmark of stated standard deviations, and the settings of the method."""
     parser = arguments(description)
-    parser.add_argument("--aside", action="store_true", help="the scenes that stand aside instead of the others")
+    parser.add_argument("--held-out", action="store_true", help="the scenes that are held out instead of the others")
     parser.add_argument("--cache", help="folder of simulated scenes")
     parser.add_argument("--setting", action="append", default=[], metavar="NAME=VALUE", help="of the method, as JSON")
     given = parser.parse_args()
@@ -147,7 +148,7 @@ def parse_arguments(description: str | None) -> tuple[argparse.Namespace, Plain]
 def main() -> None:
     """Print a table with a line for each scene and quantity."""
     given, settings = parse_arguments(__doc__)
-    jobs = {name: (scene, settings, given.cache) for name, scene in list_scenes(aside=given.aside)}
+    jobs = {name: (scene, settings, given.cache) for name, scene in list_scenes(held_out=given.held_out)}
     print(heading(COLUMNS), flush=True)
     every: dict[str, Plain] = {}
     for name, found in ends(assess, jobs, given):

@@ -1,7 +1,7 @@
 """Surfaces before others, with and without texture; errors by the distance to outlines.
 
-``python -m benchmarks.trust_outlines [NAME ...] [--aside]`` prints the share of the valid pixels that are wrong: off in
-depth by more than 6 standard deviations and by more than a thousandth, and off in velocity by more than 6.
+``python -m benchmarks.trust_outlines [NAME ...] [--held-out]`` prints the share of the valid pixels that are wrong: off
+in depth by more than 6 standard deviations and by more than a thousandth, and off in velocity by more than 6.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def main() -> None:
     scenes: dict[str, Plain] = {}
     for module in ("trust_outlines", "trust_shipped"):
         of_family: Mapping[str, Plain] = family(module)
-        scenes |= {name: scene for n, (name, scene) in enumerate(of_family.items()) if (n % 3 == 2) == given.aside}
+        scenes |= {name: scene for n, (name, scene) in enumerate(of_family.items()) if (n % 3 == 2) == given.held_out}
     print(heading(COLUMNS), flush=True)
     for name, bands in ends(assess_bands, {n: (scene, settings, given.cache) for n, scene in scenes.items()}, given):
         for band, of in bands.items():

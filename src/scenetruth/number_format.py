@@ -50,15 +50,15 @@ def format_number(value: float | None, digits: int = 3) -> str:
 
 
 def format_two_digits(value: float) -> str:
-    """Format a number with two significant digits, without an exponent where possible.
+    """Format a number with two significant digits, three of hundreds, without an exponent where possible.
 
-    >>> format_two_digits(0.0523), format_two_digits(1.4), format_two_digits(664.2), format_two_digits(math.nan)
-    ('0.052', '1.4', '664', '–')
+    >>> format_two_digits(0.0523), format_two_digits(1.4), format_two_digits(664.2), format_two_digits(36547.0)
+    ('0.052', '1.4', '664', '37000')
     """
     if not math.isfinite(value):
         return UNDEFINED
     if value == 0 or 1e-4 <= abs(value) < 1e5:
-        return f"{float(f'{value:.1e}'):.10g}" if abs(value) < 1e2 else f"{value:.0f}"
+        return f"{value:.0f}" if 1e2 <= abs(value) < 1e3 else f"{float(f'{value:.1e}'):.10g}"
     return f"{value:.1e}"
 
 

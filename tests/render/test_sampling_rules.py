@@ -98,11 +98,11 @@ def test_pixels_with_many_texels_are_within_the_stated_error(shortest_mm: float)
         # Other places, orientations and shapes than those of the search, and samples on an even grid.
         angle, centre = rng.uniform(0, 2 * np.pi, 60), rng.random((60, 2)) * (columns, rows)
         along = step * np.column_stack([np.cos(angle), np.sin(angle)])
-        aside = step * rng.uniform(0.3, 1, (60, 1)) * np.column_stack([-np.sin(angle), np.cos(angle)])
+        across = step * rng.uniform(0.3, 1, (60, 1)) * np.column_stack([-np.sin(angle), np.cos(angle)])
 
         means = []
         for offsets, weights in (square_rule(*even_rule(80)), square_rule(*gauss_rule(order)), lattice_rule(257)):
-            points = centre[:, None] + offsets[:, :1] * along[:, None] + offsets[:, 1:] * aside[:, None]
+            points = centre[:, None] + offsets[:, :1] * along[:, None] + offsets[:, 1:] * across[:, None]
             values = texture.radiance((points / (columns, rows)).reshape(-1, 2))
             means.append(values.reshape(60, -1).astype(np.float64) @ weights)
         by_rule, by_lattice = (np.sqrt(np.mean((found - means[0]) ** 2)) for found in means[1:])

@@ -272,12 +272,12 @@ def _rule_differences(texture: SurfaceTexture, step: float) -> Floats:
     centres = np.column_stack([number / _FOOTPRINTS, (number * _GOLDEN) % 1.0])
     angle = 2 * np.pi * ((number * _GOLDEN**2) % 1.0)
     along = step * np.column_stack([np.cos(angle), np.sin(angle)])
-    aside = step * np.column_stack([-np.sin(angle), np.cos(angle)])
+    across = step * np.column_stack([-np.sin(angle), np.cos(angle)])
     rules = _compared_rules()
     offsets, errors = np.concatenate([offsets for offsets, _ in rules]), []
     ends = np.cumsum([len(weights) for _, weights in rules])
     for shape in _SHAPES:
-        points = offsets @ (np.stack([along, aside / shape], axis=1) / size) + centres[:, None]
+        points = offsets @ (np.stack([along, across / shape], axis=1) / size) + centres[:, None]
         values = texture.radiance(points.reshape(-1, 2)).astype(np.float64).reshape(_FOOTPRINTS, -1)
         parts = np.split(values, ends[:-1], axis=1)
         means = [part @ weights for part, (_, weights) in zip(parts, rules, strict=True)]

@@ -48,6 +48,11 @@ class BandTextures(TextureModel):
         return sum(rows * columns for rows, columns in shapes), 1
 
     @property
+    def repetitive(self) -> bool:
+        """Whether the textures of all bands repeat themselves."""
+        return all(texture.repetitive for texture in self.textures.values())
+
+    @property
     def shortest_and_longest_mm(self) -> tuple[float, float] | None:
         """Shortest and longest wavelength in any band in mm; None if one of them is not specified."""
         every = [texture.shortest_and_longest_mm for texture in self.textures.values()]

@@ -64,7 +64,7 @@ def test_another_length_is_replaced_and_predicted_anew() -> None:
     assert found.predicted == again.predicted != rig.predicted
     words = " ".join(describe_standard_lens(found, of.objectives, replace(RIG, predicted=rig.predicted)))
     assert "The rig has a lens of 30 mm. The nearest" in words
-    assert "35 mm lens for 2/3 inch sensors at f/8" in words
+    assert "35 mm lens for 2/3 inch sensors at f/8 (assumed: the scene states no aperture)" in words
     assert "37.63 mm behind it" in words
 
 

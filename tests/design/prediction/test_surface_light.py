@@ -174,5 +174,5 @@ def test_errors_in_highlights_are_not_larger_than_predicted(roughness: float, mo
     inner = truth["boundary_distance"].sel(t=0).values > 10
     valid = estimate["valid"].values.astype(bool) & inner
     error = (estimate["depth"] - truth["depth"].sel(t=0)).values[valid]
-    told = predict(plain, method="refined", model=model).precision("depth", "object_wall").rmse
-    assert np.sqrt(np.mean(error**2)) < 1.7 * told
+    predicted = predict(plain, method="refined", model=model).precision("depth", "object_wall").rmse
+    assert np.sqrt(np.mean(error**2)) < 1.7 * predicted

@@ -17,6 +17,7 @@ __all__ = ["F_STOPS", "StandardLens", "choose_f_stop", "choose_standard_lens", "
 
 F_STOPS = (1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0, 32.0)
 """Full stops that are engraved on lenses."""
+_USUAL_F_NUMBER = 8.0  # for a scene without an aperture
 _SAME = 0.005  # relative difference of focal lengths or f-numbers that is rounding
 
 
@@ -84,7 +85,7 @@ def choose_standard_lens(task: EvaluationTask, values: Mapping[str, Any]) -> Sta
     f_number = built.f_number
     if f_number is None and defocus is not None:
         f_number = wanted / defocus.aperture_mm
-    stop = choose_f_stop(f_number if f_number is not None else 8.0, lens)
+    stop = choose_f_stop(f_number if f_number is not None else _USUAL_F_NUMBER, lens)
     one = evaluate_rig(task, {**values, "lens": name, "f_number": stop})
     broken = tuple(each.title for each in one.constraints if not each.holds)
     at = lens.focal_length_mm * focus / (focus - lens.focal_length_mm)
@@ -103,6 +104,8 @@ def describe_standard_lens(lens: StandardLens | None, objectives: Sequence[Objec
             )
         return
     stop = f"f/{format_length(lens.f_number, 2)}"
+    if lens.wanted_f_number is None:
+        stop += " (assumed: the scene states no aperture)"
     name = lens.title
     if lens.is_that_of_the_rig:
         yield f"Lens: {name} at {stop}"

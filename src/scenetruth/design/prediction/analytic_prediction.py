@@ -43,7 +43,6 @@ _FINE_PX, _MUCH_FINE = 3.0, 0.35
 # Gradient energies, relative to that of the strongest direction, from which `refined` determines motion and disparity.
 # It rejects 60 to 80 % of the windows if their mean ratio is 0.008 (directions within 10 degrees), 5 % if it is 0.02.
 _LEAST_RATIO, _LEAST_ALONG = 0.015, 1.5e-3
-_REPETITIVE = ("plaid", "checkerboard")
 _SOME = 0.2  # smallest share of an object that is reported
 _FEW_IMAGES = 4
 _MOST_BLUR, _RESTS_PX = 0.95, 1e-6  # evaluated over moving points only: a static background is not blurred
@@ -324,9 +323,8 @@ def _describe_invalid_windows(
                 f"the texture of {look.names[number]} varies almost only along {direction:.0f} degrees to the image "
                 "rows: the method marks most of its windows as invalid, and errors exceed the prediction"
             )
-    kinds = {item.name: item.texture.kind for _, item in scene.parts}
-    shown = [look.names[number] for number in np.unique(look.body).tolist()]
-    repeated = [name for name in shown if kinds.get(name) in _REPETITIVE]
+    repetitive = {item.name for _, item in scene.parts if item.texture.repetitive}
+    repeated = [look.names[number] for number in np.unique(look.body).tolist() if look.names[number] in repetitive]
     if repeated:
         yield (
             f"repetitive textures have several matches, which the method marks as ambiguous (invalid) unless "

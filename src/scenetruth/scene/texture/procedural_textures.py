@@ -41,6 +41,11 @@ class CheckerboardTexture(TextureModel):
     radiances: tuple[Radiance, Radiance] = (0.1, 0.9)
     """Radiance of the square at the lower right of the origin, and of its neighbours."""
 
+    @property
+    def repetitive(self) -> bool:
+        """Return True: all periods look alike."""
+        return True
+
     def paint(self, mesh: TriangleMesh, folder: Path, generator: np.random.Generator) -> Painted:
         """Create the texture, see `TextureModel`."""
         one, other = self.radiances
@@ -198,6 +203,11 @@ class PlaidTexture(TextureModel):
             msg = f"mean ± amplitude must stay within [0, 1] (got {self.mean} ± {self.amplitude})"
             raise ValueError(msg)
         return self
+
+    @property
+    def repetitive(self) -> bool:
+        """Return True: all periods look alike."""
+        return True
 
     def paint(self, mesh: TriangleMesh, folder: Path, generator: np.random.Generator) -> Painted:
         """Create the texture, see `TextureModel`."""

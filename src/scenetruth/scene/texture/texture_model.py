@@ -138,6 +138,11 @@ class TextureModel(FrozenModel):
         return None
 
     @property
+    def repetitive(self) -> bool:
+        """Whether the texture repeats itself over the surface, so that several matches look alike."""
+        return False
+
+    @property
     def shortest_and_longest_mm(self) -> tuple[float, float] | None:
         """Shortest and longest wavelength on the surface in mm; None if not specified."""
         return None
