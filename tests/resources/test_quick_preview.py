@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from scenetruth.resources.workload import list_object_workloads
 from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.scene_models import compute_image_times
-from scenetruth.scene.scene_report import describe_scene
+from scenetruth.scene.scene_report import check_scene, describe_scene
 from scenetruth.truth import GeometryPass, interior_warnings, truth_maps
 from tests.helpers.scenes import LIBRARY, cube, small
 
@@ -113,6 +114,34 @@ def test_meshes_that_take_long_to_read_are_left_out(tmp_path: Path, comment_byte
     plain["objects"][0] |= {"name": "cube", "mesh": {"kind": "file", "file": str(tmp_path / "box.obj")}}
     scene = st.Scene.from_dict(plain)
     assert make_quick_preview(scene, list_object_workloads(scene)[0]).left_out == left_out
+
+
+@pytest.mark.parametrize("bands", [(), ("red", "nir_850")], ids=["grey", "bands"])
+def test_surfaces_that_send_out_more_light_than_they_receive_are_found(bands: tuple[str, ...]) -> None:
+    bright = {"texture": {"kind": "uniform", "radiance": 0.9}, "material": {"transmittance": 0.5}}
+    tint = {"red": 0.2, "nir_850": 1.3} if bands else 1.3
+    plain = cube().to_dict()
+    plain["camera"]["bands"] = list(bands)
+    plain["lighting"] = {"ambient": 1}
+    item = plain["objects"][0]
+    texture = {"kind": "noise", "wavelength_mm": [8, 20], "mean": 0.5}
+    plain["objects"] = [item | bright | {"name": "sheet"}, item | {"name": "box", "tint": tint, "texture": texture}]
+    scene = st.Scene.from_dict(plain)
+    glimpse = make_quick_preview(scene, list_object_workloads(scene)[0])
+    with pytest.raises(st.SceneError) as about:
+        describe_scene(scene, glimpse.world, glimpse.depth)
+    with pytest.raises(st.SceneError) as exact:
+        check_scene(scene, build_scene(scene))
+    assert about.value.problems == exact.value.problems
+    assert {problem.path for problem in about.value.problems} == {"objects.0.material.transmittance", "objects.1.tint"}
+
+
+def test_large_textures_are_not_painted(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = cube(lighting={"ambient": 1}, objects=[cube().to_dict()["objects"][0] | {"tint": 1.5}])
+    parts = [replace(part, painted=False) for part in list_object_workloads(scene)[0]]
+    assert make_quick_preview(scene, parts).unpainted == []
+    monkeypatch.setattr(quick_preview, "_QUICKLY_PAINTED", parts[0].texels - 1)
+    assert make_quick_preview(scene, parts).unpainted == ["cube"]
 
 
 def test_surfaces_that_begin_at_the_camera_take_bounded_memory(monkeypatch: pytest.MonkeyPatch) -> None:

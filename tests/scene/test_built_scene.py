@@ -167,7 +167,7 @@ def test_srgb_is_decoded(tmp_path: Path) -> None:
         ({"texture": {"kind": "image", "file": "/nowhere.png"}}, r"objects\.0\.texture\.file: no such image file"),
         (
             {"texture": {"kind": "image", "file": str(SCENES / "cube.yaml")}},
-            r"texture\.file: cannot be read as an image",
+            r"texture\.file: cannot be read as an image: its format is not recognised; save it as PNG, TIFF or JPEG",
         ),
         ({"texture": {"kind": "embedded"}}, r"objects\.0\.texture\.kind: the mesh has no texture image"),
     ],

@@ -103,6 +103,28 @@ def test_surfaces_that_send_out_more_light_than_they_receive_are_refused() -> No
     check_scene(scene, build_scene(scene))
 
 
+def test_problems_of_lamps_are_reported_together(tmp_path: Path) -> None:
+    (tmp_path / "lamp.ies").write_text("no lamp")
+    at_depth = {"irradiance": 1, "reference_distance_mm": 600}
+    lamps: list[dict[str, Any]] = [
+        {"kind": "ies", "file": str(tmp_path / "lamp.ies"), "position_mm": [0, 300, 0], "direction": [0, 0, 1]},
+        {"kind": "sphere", "position_mm": [0, 0, 0], "radius_mm": 30},
+        {"kind": "point", "position_mm": [0, 0, 692]},
+    ]
+    plain = cube(frames={"count": 1}).to_dict() | {"lighting": {"lights": [lamp | at_depth for lamp in lamps]}}
+    scene = st.Scene.from_dict(plain)
+    with pytest.raises(st.SceneError) as caught:
+        check_scene(scene, build_scene(scene))
+    paths = [problem.path.removeprefix("lighting.lights.") for problem in caught.value.problems]
+    assert paths == ["0.file", "1.position_mm", "2.position_mm"]
+    # Textures that cannot be read do not hide those that do not depend on the objects.
+    plain["objects"][0]["texture"] = {"kind": "image", "file": str(tmp_path / "nowhere.png")}
+    with pytest.raises(st.SceneError) as caught:
+        st.simulate(st.Scene.from_dict(plain))
+    paths = [problem.path for problem in caught.value.problems]
+    assert paths == ["objects.0.texture.file", "lighting.lights.0.file", "lighting.lights.1.position_mm"]
+
+
 def test_materials_without_light_are_warned_of() -> None:
     scene = st.load_scene("cube", overrides=["objects.0.material.preset=printed_foil"])
     with pytest.warns(st.SceneWarning, match=r"material: no effect on 'cube', because the scene is unlit"):

@@ -61,6 +61,9 @@ def print_check(scene: Scene, file: Path, limits: Limits, *, as_json: bool = Fal
         messages.append(_interior_warning(without, scene.score.interior_margin_px))
     if glimpse.left_out:
         messages.append(f"objects: {_listed(glimpse.left_out)} not analysed, to limit the time; a run checks them")
+    if glimpse.unpainted:
+        names = _listed(glimpse.unpainted)
+        messages.append(f"objects: the brightness of {names} not analysed, to limit the time; a run checks it")
     messages += [f"cannot be estimated: {problem}" for problem in run_problems(scene, [scene.estimate])]
     if as_json:
         print(json.dumps(_to_dict(file, report, forecast, messages), indent=2))

@@ -10,6 +10,7 @@ from scenetruth.resources.limits import Limits
 from scenetruth.resources.system import Machine
 from scenetruth.resources.workload import ObjectWorkload, limit_problems, list_object_workloads, object_problems
 from scenetruth.scene.scene_models import Scene
+from scenetruth.scene.scene_report import find_setting_problems
 
 __all__ = ["limited_objects", "machine_problems", "refuse_beyond_limits", "refuse_resources"]
 
@@ -26,7 +27,7 @@ def limited_objects(scene: Scene, limits: Limits, folder: Path = Path()) -> list
     parts, wrong = list_object_workloads(scene, folder)
     problems = [*wrong, *object_problems(parts, limits)]
     if problems:
-        raise SceneError(problems)
+        raise SceneError([*problems, *find_setting_problems(scene)])
     return parts
 
 

@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 from scenetruth.camera import Camera
 from scenetruth.errors import Problem, SceneError
 from scenetruth.resources.workload import ObjectWorkload
-from scenetruth.scene.built_scene import BuiltScene, SceneBody, find_motion_problems, make_point_maps
+from scenetruth.scene.built_scene import (
+    BuiltScene,
+    SceneBody,
+    find_motion_problems,
+    make_point_maps,
+    may_send_more,
+    paint_bodies,
+)
 from scenetruth.scene.mesh import TriangleMesh
 from scenetruth.scene.reference_configuration import make_reference_configuration
 from scenetruth.scene.scene_models import Scene, compute_image_times
@@ -32,14 +39,17 @@ _FEWEST_MOMENTS = 3
 _MOST_BODIES = 100
 _QUICKLY_MADE = 200_000  # largest number of triangles of a mesh that is built for the preview
 _QUICKLY_READ = 4_000_000  # largest size in bytes of vertex files that are read for the preview
+_QUICKLY_PAINTED = 4_000_000  # largest number of texels of a texture that is painted for the preview
 
 
 @dataclass(frozen=True, eq=False)
 class QuickPreview:
     """A coarse preview of a scene.
 
-    ``world``, ``times``: Coarse bodies without textures, and times to evaluate, in frames, including both ends.
+    ``world``, ``times``: Coarse bodies, and times to evaluate, in frames, including both ends. Only objects that might
+      send more light than they receive have their textures.
     ``left_out``: Names of the omitted objects: too many, or from files that take long to read.
+    ``unpainted``: Names of the objects that might send more light than they receive, whose textures take long.
     ``depth``, ``object_id``: Approximate depth (NaN for background) and body index (-1 for background) in the
       reference image, reduced by ``scale`` along both sides.
     """
@@ -47,6 +57,7 @@ class QuickPreview:
     world: BuiltScene
     times: list[float]
     left_out: list[str]
+    unpainted: list[str]
     depth: NDArray[np.float64]
     object_id: NDArray[np.int64]
     scale: float
@@ -72,11 +83,17 @@ def make_quick_preview(scene: Scene, parts: Sequence[ObjectWorkload], folder: Pa
         bodies.append(body)
     if problems:
         raise SceneError(problems)
-    world = BuiltScene(tuple(bodies))
+    bright = {part.item.name for part in chosen if may_send_more(scene, part.item.name)}
+    unpainted = [part.item.name for part in chosen if part.item.name in bright and not _is_quickly_painted(part)]
+    world = paint_bodies(scene, BuiltScene(tuple(bodies)), bright - {*unpainted}, folder)
     with np.errstate(all="ignore"):
         depth, object_id = _picture([body.positions_at(0.0)[body.faces] for body in bodies], scene.camera)
     left_out = [part.item.name for part in parts if part.item.name not in names]
-    return QuickPreview(world, times, left_out, depth, object_id, scene.camera.width / depth.shape[1])
+    return QuickPreview(world, times, left_out, unpainted, depth, object_id, scene.camera.width / depth.shape[1])
+
+
+def _is_quickly_painted(part: ObjectWorkload) -> bool:
+    return part.painted or part.texels <= _QUICKLY_PAINTED
 
 
 def without_interior(glimpse: QuickPreview, margin_px: float) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -42,6 +42,8 @@ __all__ = [
     "build_scene",
     "find_motion_problems",
     "make_point_maps",
+    "may_send_more",
+    "paint_bodies",
 ]
 
 
@@ -383,6 +385,38 @@ def _paint(scene: Scene, item: SceneObject, mesh: TriangleMesh, folder: Path) ->
     """Return the texture of an object of a scene in one band."""
     painted = item.texture.paint(mesh, folder, generator_for(scene.seed, "texture", item.name))
     return painted._replace(texture=tint_texture(painted.texture, as_number(item.tint)))
+
+
+def may_send_more(scene: Scene, name: str) -> bool:
+    """Return whether an object might reflect and transmit more light than it receives, by its tint and material."""
+    items = [item for one in scene.band_scenes() for _, item in one.parts if item.name == name]
+    return any(
+        item.material.from_file
+        or as_number(item.tint) > 1
+        or as_number(item.material.transmittance) + as_number(item.material.reflectance) > 1
+        for item in items
+    )
+
+
+def paint_bodies(scene: Scene, world: BuiltScene, names: Container[str], folder: Path) -> BuiltScene:
+    """Return a scene built without textures with the textures and materials of some objects, in all bands."""
+    versions = []
+    for one in scene.band_scenes():
+        items = {item.name: item for _, item in one.parts if item.name in names}
+        versions.append(tuple(_painted_body(one, items.get(body.name), body, folder) for body in world.bodies))
+    return BuiltScene(versions[0]).in_bands(versions) if scene.camera.bands else BuiltScene(versions[0])
+
+
+def _painted_body(scene: Scene, item: SceneObject | None, body: SceneBody, folder: Path) -> SceneBody:
+    if item is None:
+        return body
+    try:
+        texture, uv, uv_back = _paint(scene, item, body.mesh, folder)
+        materials, of_face = _materials(item, body.mesh)
+    except SceneError:
+        # Files that cannot be read are reported with the objects.
+        return body
+    return replace(body, texture=texture, uv=uv, uv_back=uv_back, materials=materials, material_of=of_face)
 
 
 def add_missing_files(problems: list[Problem], scene: Scene, folder: Path) -> list[Problem]:

@@ -19,7 +19,14 @@ from scenetruth.scene.lighting import Lamp, Lighting
 from scenetruth.scene.scene_models import Scene, compute_image_times
 from scenetruth.scene.texture import TextureModel
 
-__all__ = ["ObjectReport", "SceneReport", "check_scene", "describe_scene", "find_lighting_problems"]
+__all__ = [
+    "ObjectReport",
+    "SceneReport",
+    "check_scene",
+    "describe_scene",
+    "find_lighting_problems",
+    "find_setting_problems",
+]
 
 
 # Perturbation that gives a ray direction unlikely to be aligned with edges or faces.
@@ -30,27 +37,46 @@ _GENERIC_DIRECTION = np.array([0.351938, 0.681273, 0.641873])
 
 
 def find_lighting_problems(scene: Scene, world: BuiltScene, times: Sequence[float] | None = None) -> list[Problem]:
-    """Return the problems of a scene's lighting: brightness below 0, and lamps in objects or at the camera."""
+    """Return the problems of a scene's lighting: brightness, lamp files, lamps in objects or at the camera."""
+    times = [float(t) for t in scene.frames.t] if times is None else times
+    unread, problems = _lamp_problems(scene, times)
+    return [*problems, *_lamps_in_objects(scene, world, times, unread)]
+
+
+def find_setting_problems(scene: Scene) -> list[Problem]:
+    """Return the problems that do not depend on the objects: of lens, shutter, backend and lamps."""
+    # Overflow is reported as a problem.
+    with np.errstate(all="ignore"):
+        return [*_camera_problems(scene), *_lamp_problems(scene, [float(t) for t in scene.frames.t])[1]]
+
+
+def _lamp_problems(scene: Scene, times: Sequence[float]) -> tuple[set[int], list[Problem]]:
+    """Return the lamps without a position, by number, and the problems that do not depend on the objects."""
     # Positions and directions are the same in all bands.
     lighting = scene.band_scenes()[0].lighting
-    unread = _unread_lamps(lighting)
-    if unread:
-        return unread
-    times = [float(t) for t in scene.frames.t] if times is None else times
     problems = []
     brightness = [lighting.brightness(t) for t in times]
     if min(brightness) <= 0:
         worst = times[int(np.argmin(brightness))]
         message = f"brightness is {min(brightness):.6g} at frame {worst:g}; it must be positive in all frames"
         problems.append(Problem("lighting.drift_per_frame", message, lighting.drift_per_frame))
-    problems += _lost_lamps(lighting, times)
-    if problems or all(lamp.position_mm is None for lamp in lighting.lamps_at(0.0)):
-        return problems
-    problems += _lamps_at_camera(scene, times)
+    unread = _unread_lamps(lighting)
+    lost = _lost_lamps(lighting, times, set(unread))
+    without = {*unread, *lost}
+    found = [each for number in sorted(unread) for each in unread[number]]
+    problems += [*found, *lost.values(), *_lamps_at_camera(scene, times, without)]
+    return without, problems
+
+
+def _lamps_in_objects(scene: Scene, world: BuiltScene, times: Sequence[float], without: set[int]) -> list[Problem]:
+    """Return the problems of lamps inside objects or crossed by them."""
+    lighting, problems = scene.band_scenes()[0].lighting, []
+    if all(lamp.position_mm is None for _, lamp in _lamps_at(lighting, 0.0, without)):
+        return []
     closed = [_is_closed(body.positions_at(0.0), body.faces) for body in world.bodies]
     found: set[tuple[int, int]] = set()
     for t in times:
-        lamps = [(number, lamp) for number, lamp in enumerate(lighting.lamps_at(t)) if lamp.position_mm is not None]
+        lamps = [(number, lamp) for number, lamp in _lamps_at(lighting, t, without) if lamp.position_mm is not None]
         for index, body in enumerate(world.bodies):
             if not closed[index] and all(lamp.area is None for _, lamp in lamps):
                 continue
@@ -76,7 +102,11 @@ def _reflectance_problems(scene: Scene, world: BuiltScene) -> list[Problem]:
     most: dict[str, float] = {}
     bands = [f" in the band '{band}'" for band in scene.camera.bands] or [""]
     for band, one, painted in zip(bands, scene.band_scenes(), world.bands or (world,), strict=False):
-        for (path, item), body in zip(one.parts, painted.bodies, strict=False):
+        bodies = {body.name: body for body in painted.bodies}
+        for path, item in one.parts:
+            if item.name not in bodies:
+                continue
+            body = bodies[item.name]
             # The leaves of a plant have one material, and textures of their own: the brightest of them decides.
             where = path if path.startswith("objects") else ".".join(path.split(".")[:2])
             tint = as_number(item.tint)
@@ -111,23 +141,28 @@ def _material_warnings(scene: Scene) -> list[str]:
     return [f"material: no effect on {', '.join(names)}, because the scene is unlit; add lights or ambient light"]
 
 
-def _unread_lamps(lighting: Lighting) -> list[Problem]:
-    """Return the problems of photometric files."""
-    problems = []
+def _lamps_at(lighting: Lighting, t: float, without: set[int]) -> list[tuple[int, Lamp]]:
+    """Return lamps at time t with their numbers, apart from those without a position."""
+    return [(number, light.lamp(t)) for number, light in enumerate(lighting.lights) if number not in without]
+
+
+def _unread_lamps(lighting: Lighting) -> dict[int, list[Problem]]:
+    """Return the problems of photometric files by the number of the lamp."""
+    problems = {}
     for number, light in enumerate(lighting.lights):
         try:
             light.lamp(0.0)
         except SceneError as error:
             where = f"lighting.lights.{number}"
-            problems += [Problem(f"{where}.{each.path}", each.message, each.value) for each in error.problems]
+            problems[number] = [Problem(f"{where}.{each.path}", each.message, each.value) for each in error.problems]
     return problems
 
 
-def _lamps_at_camera(scene: Scene, times: Sequence[float]) -> list[Problem]:
+def _lamps_at_camera(scene: Scene, times: Sequence[float], without: set[int]) -> list[Problem]:
     """Return the problems of lamps with a size through which the camera looks."""
     found: dict[int, Problem] = {}
     for t in times:
-        for number, lamp in enumerate(scene.band_scenes()[0].lighting.lamps_at(t)):
+        for number, lamp in _lamps_at(scene.band_scenes()[0].lighting, t, without):
             cameras = product(scene.stage.x_mm, scene.stage.y_mm)
             if any(lamp.contains(np.array([x_mm, y_mm, 0.0])) for x_mm, y_mm in cameras):
                 message = f"the camera is on or inside the lamp at frame {t:g}; move the lamp, or use a ring"
@@ -153,17 +188,17 @@ def _lamp_warnings(scene: Scene, world: BuiltScene) -> list[str]:
     return messages
 
 
-def _lost_lamps(lighting: Lighting, times: Sequence[float]) -> list[Problem]:
-    """Return the problems of lamps whose position or direction overflows."""
+def _lost_lamps(lighting: Lighting, times: Sequence[float], without: set[int]) -> dict[int, Problem]:
+    """Return the problems of lamps whose position or direction overflows, by number."""
     lost: dict[int, Problem] = {}
     for t in times:
-        for number, lamp in enumerate(lighting.lamps_at(t)):
+        for number, lamp in _lamps_at(lighting, t, without):
             directed = lamp.position_mm is None or lamp.directed or _is_flat(lamp)
             shines = not directed or abs(float(np.linalg.norm(lamp.axis)) - 1) < _UNSTEADY
             if not shines or not (lamp.position_mm is None or np.isfinite(lamp.position_mm).all()):
                 message = f"position or direction of the light overflows at frame {t:g}; reduce the rate"
                 lost.setdefault(number, Problem(f"lighting.lights.{number}.motion", message))
-    return list(lost.values())
+    return lost
 
 
 def _is_flat(lamp: Lamp) -> bool:

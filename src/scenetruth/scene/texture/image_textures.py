@@ -144,7 +144,11 @@ def read_image_header(file: Path) -> tuple[int, int, int]:
 
 
 def _unreadable(file: Path, error: Exception) -> SceneError:
+    from PIL import UnidentifiedImageError
+
     text = " ".join(str(error).split())[:200] or type(error).__name__
+    if isinstance(error, UnidentifiedImageError):
+        text = "its format is not recognised; save it as PNG, TIFF or JPEG"
     return SceneError([Problem("file", f"cannot be read as an image: {text}", str(file))])
 
 
