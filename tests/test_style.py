@@ -35,3 +35,14 @@ def test_the_rule_sees_long_rows_and_lets_keywords_be(tmp_path: Path) -> None:
     )
     found = [line.split(" ", 1)[1] for line in crowded_functions(tmp_path)]
     assert sorted(found) == [f"long takes {MOST_PARAMETERS + 1}", f"method takes {MOST_PARAMETERS + 1}"]
+
+
+def repeated_exports(folder: Path) -> list[str]:
+    """Name the modules that list their exports more than once: only the last list counts."""
+    return [str(file) for file in sorted(folder.rglob("*.py")) if file.read_text().count("\n__all__ = ") > 1]
+
+
+def test_modules_list_their_exports_in_one_place(tmp_path: Path) -> None:
+    assert repeated_exports(SOURCE) == []
+    (tmp_path / "module.py").write_text('\n__all__ = ["a"]\na = 1\n__all__ = ["b"]\n')
+    assert repeated_exports(tmp_path) == [str(tmp_path / "module.py")]

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterable
 from fnmatch import fnmatchcase
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,17 @@ from scenetruth.schema import IncrementalDataset
 from scenetruth.truth import TruthOptions, blank_truth, fill_truth
 from scenetruth.validated_model import Finite, FrozenModel, Name
 
-__all__ = ["GeometryPreview"]
+__all__ = [
+    "AcceptanceCriterion",
+    "DepthRangeCriterion",
+    "GeometryPreview",
+    "ImageMotionCriterion",
+    "ObjectCriterion",
+    "OccludedFractionCriterion",
+    "ResidualDisparityCriterion",
+    "TextureWavelengthCriterion",
+    "VisibleFractionCriterion",
+]
 
 
 _WIDTH_PX = 160
@@ -99,12 +109,6 @@ def _moved(camera: Camera, low: NDArray[np.int_], high: NDArray[np.int_]) -> Cam
     )
 
 
-if TYPE_CHECKING:
-    pass
-
-__all__ = ["AcceptanceCriterion", "ObjectCriterion"]
-
-
 class AcceptanceCriterion(FrozenModel):
     """Limits of a quantity of the geometry."""
 
@@ -150,12 +154,6 @@ class ObjectCriterion(AcceptanceCriterion):
         return [number for number, name in enumerate(look.names) if fnmatchcase(name, self.object)]
 
 
-if TYPE_CHECKING:
-    pass
-
-__all__ = ["DepthRangeCriterion"]
-
-
 class DepthRangeCriterion(ObjectCriterion):
     """Depth of the visible surface of an object in the reference camera at the reference frame, mm."""
 
@@ -170,12 +168,6 @@ class DepthRangeCriterion(ObjectCriterion):
             if seen.size:
                 yield f"depth of {look.names[number]}", float(seen.min())
                 yield f"depth of {look.names[number]}", float(seen.max())
-
-
-if TYPE_CHECKING:
-    pass
-
-__all__ = ["ImageMotionCriterion"]
 
 
 class ImageMotionCriterion(ObjectCriterion):
@@ -194,12 +186,6 @@ class ImageMotionCriterion(ObjectCriterion):
                 yield f"image motion of {look.names[number]}", float(seen.max())
 
 
-if TYPE_CHECKING:
-    pass
-
-__all__ = ["OccludedFractionCriterion"]
-
-
 class OccludedFractionCriterion(AcceptanceCriterion):
     """Fraction of the surface visible to the reference camera that is occluded in another camera, from 0 to 1."""
 
@@ -209,12 +195,6 @@ class OccludedFractionCriterion(AcceptanceCriterion):
         """Return the occluded fraction."""
         seen = look.object_id >= 0
         yield "occluded share", float(np.mean(look.truth("occluded_across_cameras")[seen])) if seen.any() else 0.0
-
-
-if TYPE_CHECKING:
-    pass
-
-__all__ = ["ResidualDisparityCriterion"]
 
 
 class ResidualDisparityCriterion(AcceptanceCriterion):
@@ -230,12 +210,6 @@ class ResidualDisparityCriterion(AcceptanceCriterion):
         yield "residual disparity", float(np.abs(disparity - np.round(disparity.mean())).max(initial=0.0))
 
 
-if TYPE_CHECKING:
-    pass
-
-__all__ = ["VisibleFractionCriterion"]
-
-
 class VisibleFractionCriterion(ObjectCriterion):
     """Visible fraction of an object's silhouette in the reference camera at the reference frame, from 0 to 1.
 
@@ -248,12 +222,6 @@ class VisibleFractionCriterion(ObjectCriterion):
         """Return the fraction of every object."""
         for number in self._matching(look):
             yield f"visible share of {look.names[number]}", look.visible_share(number)
-
-
-if TYPE_CHECKING:
-    pass
-
-__all__ = ["TextureWavelengthCriterion"]
 
 
 class TextureWavelengthCriterion(ObjectCriterion):

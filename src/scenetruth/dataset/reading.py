@@ -86,12 +86,6 @@ class Sample:
             return load_store(files / name, kind=kind)
 
 
-if TYPE_CHECKING:
-    pass
-
-__all__ = []
-
-
 def stack_lazily(
     variable: str, of: Literal["recording", "truth"], samples: Sequence[Sample], source: Path
 ) -> xr.DataArray:

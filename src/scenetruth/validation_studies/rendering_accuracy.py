@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -190,11 +190,6 @@ class RenderingMeasurement:
     result: RenderingAccuracy
     errors_px: NDArray[np.float64]
 
-
-if TYPE_CHECKING:
-    pass
-
-__all__ = []
 
 # Okabe and Ito's colours, with a marker each.
 _STYLES = {"pyrender": ("#0072B2", "o"), "raycast": ("#D55E00", "s")}

@@ -18,7 +18,8 @@ __all__ = [
     "ExposureConstraint", "FieldOfViewConstraint", "FlowConstraint", "FrameIntervalConstraint", "GreyLevelConstraint",
     "ImagesConstraint", "MotionBlurConstraint", "PriceConstraint", "RecordingTimeConstraint", "StageErrorConstraint",
     "StageTravelConstraint", "StereoAngleConstraint", "TextureWavelengthConstraint", "TimePerCaptureConstraint",
-    "TotalDisparityConstraint", "WorkingDistanceConstraint", "evaluate_bound",
+    "TotalDisparityConstraint", "WindowConstraint", "WorkingDistanceConstraint",
+    "evaluate_bound",
 ]  # fmt: skip
 
 
@@ -215,8 +216,6 @@ class TotalDisparityConstraint(ConstraintSpec):
 
 
 _HALF_WIDTH = 2.3548  # width at half maximum of a Gaussian, in standard deviations
-
-__all__ = ["WindowConstraint"]
 
 
 class WindowConstraint(ConstraintSpec):
