@@ -1,10 +1,11 @@
-"""Draw the small pictures of the README: a data set, the accuracy of methods, a rig.
+"""Draw the small pictures of the README: a data set, the accuracy of methods, a rig, a capture.
 
 Run ``python docs/_make/draw_doors.py``.
 """
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
 import matplotlib as mpl
@@ -13,8 +14,11 @@ mpl.use("Agg")
 
 import matplotlib.pyplot as plt
 import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
 
 import scenetruth as st
+from scenetruth.capture import region_mean, run_capture, simulate_capture
 from scenetruth.design.optimisation.report.side_view import draw_side_views
 from scenetruth.design.optimisation.report.side_view_geometry import compute_side_view
 
@@ -23,6 +27,29 @@ RECIPE = DOCS.parent / "scenes" / "datasets" / "leaves.yaml"
 RIG = DOCS / "results" / "worked_examples" / "leaf_growth_rig.yaml"
 SAMPLES = (0, 4, 7, 9, 12)
 METHODS = {"structure_tensor": "structure tensor", "refined": "refined", "opencv_scene_flow": "OpenCV"}
+LEAF = {
+    "name": "leaf",
+    "mesh": {"kind": "leaf", "outline": "ovate", "length_mm": 46, "width_mm": 30, "bend_along_deg": -20},
+    "texture": {"kind": "leaf"},
+    "pose": {"position_mm": [-20, 0, 600]},
+    "deformation": [{"kind": "growth", "rate_per_hour": 0.03, "base_to_tip": [1.6, 0.4]}],
+}
+SOIL = {
+    "name": "soil",
+    "mesh": {"kind": "plane", "size_mm": [140, 110]},
+    "pose": {"position_mm": [0, 0, 630]},
+    "texture": {"kind": "noise", "wavelength_mm": [1.5, 8.0], "mean": 0.3, "rms_contrast": 0.3},
+}
+LABORATORY = {
+    "camera": {"width": 256, "height": 192, "focal_length_px": 2400, "distortion": {"k1": -0.4}},
+    "optics": {"psf": {"kind": "gaussian", "sigma_px": 0.6}},
+    "stage": {"positions": 5, "baseline_mm": 5.0, "axis_tilt_urad": [800, -1500], "errors": {"preset": "screw_stage"}},
+    "frames": {"count": 5, "frame_interval_s": 600},
+    "objects": [LEAF, SOIL],
+    "sensor": {"kind": "emva1288", "preset": "scientific_cmos"},
+    "seed": 4,
+}
+PARTS_MM = [(-18.0, -8.0), (-8.0, 8.0), (8.0, 20.0)]
 INK, ACCENT, SHARP = "#1b1f24", "#0072b2", "#009e73"
 STYLE = f"""<style>
 svg {{ background: #fff }} text {{ fill: {INK}; font: 13px "DejaVu Sans", sans-serif }}
@@ -80,7 +107,45 @@ def rig() -> None:
     (DOCS / "door_design.svg").write_text(svg[:start] + STYLE + svg[start:], encoding="utf-8")
 
 
+def capture() -> None:
+    """Draw a board of a simulated capture, the measured growth, and its means with error bars and the truth."""
+    with tempfile.TemporaryDirectory() as folder:
+        lab = Path(folder) / "lab"
+        simulate_capture(LABORATORY, lab, poses=8, exposures=[0.25, 0.5, 1])
+        run = run_capture(lab, Path(folder) / "results")
+        board = plt.imread(lab / "board" / "p01_s+0.tif")
+        estimate = st.open_store(run.folder.path / "estimate.zarr").load()
+        truth = st.open_store(lab / "truth" / "truth.zarr").load()
+    hourly = 100 * 3600 / estimate.attrs["frame_interval_s"]
+    now, exact = estimate.sel(t=0), truth.sel(t=0)
+    leaf = (now.valid & (now.depth < 616)).values
+    certain = leaf & (hourly * now.growth_rate_std < 1.5).values
+    figure, axes = plt.subplots(1, 3, figsize=(4.6, 1.6), layout="constrained", width_ratios=[1, 1.25, 0.9])
+    axes[0].imshow(board, cmap="gray")
+    shown = axes[1].imshow(hourly * now.growth_rate.where(certain), cmap="magma", vmin=0, vmax=6)
+    figure.colorbar(shown, ax=axes[1], shrink=0.8, label="%/h")
+    for each in axes[:2]:
+        each.set_axis_off()
+    for place, limits in enumerate(PARTS_MM):
+        region = certain & _is_across(estimate, limits)
+        mean = region_mean(estimate, "growth_rate", region)
+        axes[2].errorbar(place, hourly * mean.value, yerr=hourly * mean.std, fmt="o", ms=4, color=ACCENT, capsize=3)
+        true = exact.growth_rate.where((exact.object_id == 0) & _is_across(truth, limits))
+        axes[2].plot(place, hourly * float(true.mean()), "_", color=INK, ms=18)
+    axes[2].set(xlim=(-0.6, 2.6), ylim=(0, 6))
+    axes[2].set_xticks([0, 2], ["base", "tip"])
+    figure.savefig(DOCS / "door_capture.png", dpi=150)
+
+
+def _is_across(data: xr.Dataset, limits_mm: tuple[float, float]) -> NDArray[np.bool_]:
+    """Return the pixels whose surface has X between two limits at the reference frame."""
+    camera = data.attrs
+    x_mm = data.depth.sel(t=0) * (data.x - camera["principal_point_px"][0]) / camera["focal_length_px"]
+    return np.asarray((x_mm > limits_mm[0]) & (x_mm < limits_mm[1]))
+
+
 if __name__ == "__main__":
     data_set()
     accuracy()
     rig()
+    capture()
