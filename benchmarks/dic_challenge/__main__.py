@@ -31,6 +31,7 @@ from benchmarks.dic_challenge.images import (
     images_at_rest,
     recording_of,
     rendered_pair,
+    strain_field,
     strain_pair,
 )
 from benchmarks.dic_challenge.methods import (
@@ -42,7 +43,7 @@ from benchmarks.dic_challenge.methods import (
     rows_of_program,
     strain_row,
 )
-from benchmarks.dic_challenge.rules import AMPLITUDE_PX, PUBLISHED, evaluate, mean_of_lowest, periods_px
+from benchmarks.dic_challenge.rules import AMPLITUDE_PX, PUBLISHED, WIDTH_PX, evaluate, mean_of_lowest, periods_px
 from benchmarks.dic_challenge.rules import STRAIN as STRAIN_AMPLITUDE
 from benchmarks.jobs import heading, line
 from benchmarks.peers.catalogue import python_of
@@ -55,6 +56,8 @@ FOLDER = Path("outputs/results/dic_challenge")
 SOURCES = ("given", "rendered")
 STRAIN_WINDOWS_PX = (5, 11, 21)
 """Sides of the square window of strain, in pixels with a displacement each."""
+BANDS_PX = ((40, 80), (80, 160), (160, 300))
+"""Bands of the period over which values are averaged."""
 PROGRAM_WINDOWS_PX = (5, 11)
 """Those of programs, which match each of these rows."""
 _CHANGES = {"rendered": (), "rendered_strain": STRAIN}
@@ -198,9 +201,16 @@ def main() -> None:
     parser.add_argument("--table", action="store_true", help="measure nothing: make the table of what is there")
     parser.add_argument("--docs", type=Path, default=Path("docs/results"), help="tables go into data (docs/results)")
     parser.add_argument("--strain", action="store_true", help="measure the strain of star 6 instead")
-    parser.add_argument("--field", action="store_true", help="compare the whole band with the analytic field instead")
+    parser.add_argument(
+        "--field", action="store_true", help="compare with the analytic field instead; also of --strain"
+    )
     given = parser.parse_args()
     warnings.simplefilter("ignore")
+    if given.field and given.strain:
+        print(heading(("strain of", *(f"{low} to {high} px" for low, high in BANDS_PX))))
+        for cells in strain_field_rows(given.folder):
+            print(line(cells))
+        return
     if given.field:
         print(heading(("images", "periods, px", "measured over analytic", "rms of the rest, px", "same at rest, px")))
         for cells in field_rows(given.folder, given.data or data_of_pyvale(given.peers)):
@@ -251,11 +261,41 @@ def field_rows(folder: Path, data: Path) -> list[list[str]]:
         rows, columns = np.indices(maps[0].shape)
         periods = periods_px(columns.astype(np.float64))
         exact = AMPLITUDE_PX * np.cos(2 * np.pi * (rows - BAND_PX) / periods)
-        for low, high in ((40, 80), (80, 160), (160, 300)):
+        for low, high in BANDS_PX:
             inside = (periods >= low) & (periods < high) & np.isfinite(maps[0]) & np.isfinite(maps[1])
             slope = float(np.sum(maps[0][inside] * exact[inside]) / np.sum(exact[inside] ** 2))
             rest = (maps[0] - slope * exact)[inside].std()
             cells.append([source, f"{low} to {high}", f"{slope:.3f}", f"{rest:.4f}", f"{maps[1][inside].std():.4f}"])
+    return cells
+
+
+def strain_field_rows(folder: Path, window: int = 11) -> list[list[str]]:
+    """Return the mean strain over 5 % by band of the period: of displacement fields, and of images that have them.
+
+    The displacements are those of the analytic field and of the truth of the rendered images, in the same window of
+    strain. Standard errors of measured values are those of means over 60 columns, several times a window.
+    """
+    periods = periods_px(np.arange(WIDTH_PX, dtype=np.float64))
+    half = window // 2
+    around = np.repeat(np.arange(-half, half + 1, dtype=np.float64)[:, None], WIDTH_PX, axis=1)
+    rendered = band_of(np.load(folder / "images" / "rendered_strain_truth.npy"), half)
+    fields = {
+        "displacements, analytic": strain_row(strain_field(around, np.broadcast_to(periods, around.shape)), window),
+        "displacements, truth of rendered images": strain_row(rendered, window),
+    }
+    for key in ("structure_tensor_4", "refined_4", "refined_6"):
+        for source in SOURCES:
+            row = np.load(strain_file(folder, SETTINGS[key], strain_pairs(source)[0], window))
+            fields[f"{SETTINGS[key].code}, {SETTINGS[key].size_px:g} px, {source} images"] = row
+    cells = []
+    for name, row in fields.items():
+        ratios = []
+        for low, high in BANDS_PX:
+            found = row[(periods >= low) & (periods < high) & np.isfinite(row)] / STRAIN_AMPLITUDE
+            means = [part.mean() for part in np.array_split(found, found.size // 60)]
+            error = np.std(means, ddof=1) / np.sqrt(len(means))
+            ratios.append(f"{found.mean():.4f}" if name.startswith("disp") else f"{found.mean():.3f} ± {error:.3f}")
+        cells.append([name, *ratios])
     return cells
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -31,6 +32,7 @@ from scenetruth.scoring.quantities import get_title
 __all__ = ["FRAGMENTS", "Results"]
 
 _NOISE_LEVEL = "0.005"
+_PERCENT = "\N{NO-BREAK SPACE}%"
 _OF_NOISE = {"waves_of_depth": "disparity", "waves_of_motion": "flow_y"}
 
 
@@ -151,8 +153,9 @@ def summary(results: Results) -> str:
     machines = ", ".join(dict.fromkeys(one.machine for one in results.methods))
     lines = [
         f"With the same four images, at least one other program is more accurate than the built-in method "
-        f"[`refined`](../how_to/choose_a_method.md) in {_listed(counts)}. With all images of the recording, `refined` "
-        f"is less accurate than that program, or has no result, in {len(whole)} of these {len(best)}.",
+        f"[`refined`](../how_to/choose_a_method.md) in {_listed(counts)}. With all images of the recording, "
+        f"{len(whole)} of these {len(best)} remain: there, `refined` is less accurate than that program, or has no "
+        f"result.",
         f"{len(results.methods)} rows: {len(results.methods) - len(programs)} of built-in methods, {len(programs)} of "
         f"other programs. Measured {'on ' if period == dates[0] else ''}{period} on {machines}; the versions are in "
         f"[a table](#all-methods) below.",
@@ -205,12 +208,12 @@ def _loss_table(frame: pd.DataFrame, first: str) -> str:
         lines.append(
             [
                 f"{title}: {_what(row)}",
-                f"{program} ({spelled(row['valid_percent'])} % valid)",
-                own if math.isnan(density) else f"{own} ({spelled(density)} % valid)",
+                f"{program} ({spelled(row['valid_percent'])}{_PERCENT} valid)",
+                own if math.isnan(density) else f"{own} ({spelled(density)}{_PERCENT} valid)",
                 whole,
             ]
         )
-    return markdown((first, "most accurate program", "`refined`, 4 images", "`refined`, all images"), lines)
+    return markdown((first, "most accurate program", "`refined` (4 images)", "`refined` (all images)"), lines)
 
 
 def cost_losses(results: Results) -> str:
@@ -249,7 +252,7 @@ def bars_table(results: Results) -> str:
         worst = here.sort_values("beyond_3_std_percent", ascending=False)
         places = ", ".join(
             f"{row['level'] if row['case'] == GALLERY else all_cases()[row['case']].title.lower()} "
-            f"({spelled(row['beyond_3_std_percent'])} %)"
+            f"({spelled(row['beyond_3_std_percent'])}{_PERCENT})"
             for row in worst.drop_duplicates(["case"] if (worst["case"] != GALLERY).all() else ["case", "level"])
             .head(6)
             .to_dict("records")
@@ -305,7 +308,7 @@ def made(results: Results) -> str:
     ]
     lines = [
         f"Processor: {machines}; one thread for each program. The suite and the gallery took {minutes:.0f} min of "
-        f"processor time. Jobs that a program ended without a result:",
+        f"processor time. Jobs that a program ended without a result, with the reason:",
         "\n".join(failures) or "none.",
     ]
     return "\n\n".join(lines)
@@ -340,8 +343,18 @@ def _grouped(failures: Mapping[str, str]) -> dict[str, str]:
 
 
 def _short(why: str) -> str:
-    line = why.strip().splitlines()[0] if why.strip() else "no reason given"
-    return line.replace("|", "/").replace("<", "").replace(">", "")[:160]
+    """Return a reason in one line: the problems of an estimate by its maps, or the last message of a program."""
+    problems: dict[str, list[str]] = {}
+    for name, problem in _PROBLEM.findall(why):
+        problems.setdefault(_REASONS.get(problem, problem), []).append(name)
+    lines = why.strip().splitlines()
+    said = f"the program ended with the message “{lines[0]}”" if lines else "no reason given"
+    words = "; ".join(f"{', '.join(names)}: {problem}" for problem, names in problems.items()) or said
+    return words.replace("|", "/").replace("<", "").replace(">", "")[:160]
+
+
+_PROBLEM = re.compile(r"^\s+- (\w+?)_t[^:]*: ([^;\n]*)", re.MULTILINE)
+_REASONS = {"contains only NaN: no valid pixel": "no valid pixel"}
 
 
 def cases_table(results: Results) -> str:

@@ -23,7 +23,7 @@ def page(browser: Any, tmp_path: Path) -> Iterator[Any]:
 @pytest.mark.parametrize("width_px", [1280, 375])
 def test_it_reads_on_a_phone_and_by_those_who_do_not_see_it(page: Any, width_px: int, scheme: str) -> None:
     reads_well(page, width_px, scheme)
-    assert page.locator(".chart .bars path").count() == 5
+    assert page.locator(".chart .bars path").count() == 6
     # Words leave room for bars.
     assert page.locator(".chart .nsewdrag").first.bounding_box()["width"] > 100
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from benchmarks.dic_challenge.__main__ import strain_field_rows, strain_file
 from benchmarks.dic_challenge.images import SCENE, images_at_rest, noise_of, strain_field, strain_pair
 from benchmarks.dic_challenge.methods import SETTINGS, displacement, strain_row
 from benchmarks.dic_challenge.rows import region_of, row_of
@@ -178,6 +180,29 @@ def test_strained_images_have_the_values_of_the_pattern_at_the_places_before() -
     # The derivative along y has the same amplitude at all periods, and it is positive in the centre row.
     slope = (strain_field(np.array(0.01), periods[0]) - strain_field(np.array(-0.01), periods[0])) / 0.02
     np.testing.assert_allclose(slope, 0.05, rtol=1e-4)
+
+
+def test_strain_of_displacements_and_of_images_is_compared_by_band(tmp_path: Path) -> None:
+    for name in ("images", "rows"):
+        (tmp_path / name).mkdir()
+    rows = np.arange(-8, 9, dtype=np.float64)[:, None]
+    np.save(tmp_path / "images" / "rendered_strain_truth.npy", strain_field(rows + 0 * PERIODS, PERIODS + 0 * rows))
+    scatter = np.random.default_rng(0).normal(scale=0.001, size=WIDTH_PX)
+    for key in ("structure_tensor_4", "refined_4", "refined_6"):
+        for source in ("given", "rendered"):
+            file = strain_file(tmp_path, SETTINGS[key], f"{source}_strain", 11)
+            np.save(file, np.where(PERIODS < 200, 0.045 + scatter, np.nan))
+    cells = strain_field_rows(tmp_path)
+    # Both fields are the same here; the line through 11 points of a wave keeps the more of it the longer it is.
+    assert cells[0][1:] == cells[1][1:]
+    ratios = [float(cell) for cell in cells[0][1:]]
+    assert 0.95 < ratios[0] < ratios[1] < ratios[2] < 1
+    for line in cells[2:]:
+        for cell in line[1:]:
+            mean, error = (float(number) for number in cell.split(" ± "))
+            assert abs(mean - 0.9) < 5 * 0.001
+            # White noise of 2 % of the strain, over more than 500 columns.
+            assert 0 <= error < 3 * 0.02 / math.sqrt(500)
 
 
 def test_indicator_of_strain_has_the_square_of_the_period() -> None:

@@ -1,7 +1,8 @@
-"""What packages say of themselves follows pyproject.toml: the conda recipe, the oldest versions, the citation."""
+"""Metadata of packages follow pyproject.toml: conda recipe, oldest versions, citation, deposit at Zenodo."""
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -66,6 +67,18 @@ def test_the_citation_is_of_the_latest_release(project: dict[str, Any]) -> None:
     assert (told["version"], str(told["date-released"])) == releases()[0]
     assert (told["title"], told["license"]) == (project["name"], project["license"])
     assert [each["name"] for each in told["authors"]] == [each["name"] for each in project["authors"]]
+
+
+def test_metadata_of_zenodo_agree_with_citation_and_project(project: dict[str, Any]) -> None:
+    deposit = json.loads((ROOT / ".zenodo.json").read_text(encoding="utf-8"))
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert (deposit["title"], deposit["description"]) == (citation["title"], project["description"])
+    assert deposit["license"] == citation["license"] == project["license"]
+    assert deposit["creators"] == [{"name": each["name"]} for each in citation["authors"]]
+    assert deposit["keywords"] == citation["keywords"]
+    assert (deposit["upload_type"], deposit["access_right"]) == ("software", "open")
+    # Version and date are those of the release that is deposited.
+    assert not {"version", "publication_date", "doi"} & set(deposit)
 
 
 def test_the_conda_recipe_builds_with_the_same_packages(recipe: dict[str, Any]) -> None:

@@ -135,6 +135,22 @@ def test_runs_on_four_images_that_are_not_measured_are_named() -> None:
     assert "refined default" in FRAGMENTS["cube"](Results([own], there))
 
 
+def test_failures_are_explained_by_map_or_by_the_last_message() -> None:
+    own = method("mine", PROGRAM, [("slope", "30", "disparity", 0.1, 80.0)])
+    problems = (
+        "3 problems with the estimate in method 'mine':\n  - depth_t+0.npy: contains only NaN: no valid pixel\n"
+        "  - velocity_t+0.npy: contains only NaN: no valid pixel\n"
+        "  - flow_t+0.npy: must be finite: 3 pixels are not; mark invalid pixels as NaN"
+    )
+    failures = {"star": problems, "gallery/leaf": problems, "penumbra": "iterations: 200\nmore"}
+    page = FRAGMENTS["made"](Results([replace(own, failures=failures)], pd.DataFrame()))
+    assert (
+        "- mine: `star`, `gallery/leaf`: depth, velocity: no valid pixel; flow: must be finite: 3 pixels are not; "
+        in page
+    )
+    assert page.endswith("`penumbra`: the program ended with the message “iterations: 200”")
+
+
 def test_costs_that_are_not_measured_say_so() -> None:
     own = method("refined_4", BUILT_IN, [("slope", "30", "disparity", 0.1, 80.0)])
     methods = [own, replace(own, key="refined", cost={"processor_s": 3.0, "memory_mb": 400.0})]
