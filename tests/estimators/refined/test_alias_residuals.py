@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth.estimators.refined import ImageView, combine_displacements, find_aliases, project_aliases, separate
+from tests.helpers.demosaiced_waves import plane_recording, random_waves
 from tests.helpers.nightly import nightly
 
 Array = NDArray[np.float64]
@@ -129,3 +131,23 @@ def test_errors_by_aliases_of_fine_textures_are_stated(velocity: float, waveleng
     assert found < 1.3
     # Of longer waves, the bias is overestimated.
     assert found > 0.4 or wavelengths == (5, 24)
+
+
+@nightly
+def test_aliases_that_follow_the_contrast_are_no_noise_of_the_grey_value() -> None:
+    """Bright parts of a texture have more contrast and larger aliases: their residuals tell nothing of the noise."""
+    bright = np.linspace(0.1, 1.0, 110)
+    plain = plane_recording(random_waves(5, 9, (1.0, 0.5, 0.2)), 0.3, "RGGB", "malvar")
+    noise = np.random.default_rng(0).normal(0.0, 1e-3, plain["image"].shape)
+    images = plain["image"] * bright[:, None].astype(np.float32) + noise.astype(np.float32)
+    recording = plain.assign(image=images.transpose(*plain["image"].dims))
+    settings: dict[str, Any] = {"window_sigma_px": 4, "discontinuity_refit": False, "surface": "plane"}
+    stated, unstated = recording.assign_attrs(demosaicing="malvar"), recording
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", st.EstimateWarning)
+        found = [st.estimate(stated, "refined", noise=noise, **settings) for noise in ("uniform", "estimated")]
+        other = [st.estimate(unstated, "refined", noise=noise, **settings) for noise in ("uniform", "estimated")]
+    np.testing.assert_array_equal(found[0]["depth"].values, found[1]["depth"].values)
+    np.testing.assert_array_equal(found[0]["depth_std"].values, found[1]["depth_std"].values)
+    # Without the attribute, residuals are taken for noise.
+    assert np.nanmax(np.abs(other[0]["depth"] - other[1]["depth"])) > 1e-3

@@ -62,16 +62,15 @@ def test_a_plane_that_grows_evenly_is_plain(motion: str) -> None:
 
 
 @nightly
-@pytest.mark.parametrize("times", [3, 10])
-def test_shear_takes_any_gradient(times: int) -> None:
+@pytest.mark.parametrize(("times", "seed"), [(3, 2), (7, 2), (10, 2), (10, 5)])
+def test_shear_takes_any_gradient(times: int, seed: int) -> None:
     """A turn and even growth take shear for curvature and motion in depth: 4 % per frame, and 36 % over all frames."""
     plane = MovingPlane(gradient=times * SHEAR, velocity_mm=(0.05, -0.03, 0.0))
-    recording = plane.recording(noise_std=NOISE_STD, seed=2)
+    recording = plane.recording(noise_std=NOISE_STD, seed=seed)
     exact = plane.truth()["depth"], plane.truth()["velocity"]
     found, fixed = estimated(recording), estimated(recording, motion="growing")
     assert np.mean(motion_of(found) == MOTION_AFFINE) > 0.95
-    # At 4 % per frame the rounds have not quite settled: it is 1.4, and 1.05 with `motion: affine` from the start.
-    assert np.sqrt(np.mean(scaled(found, *exact) ** 2)) < 1.0 + SCATTER + (0.25 if times == 10 else 0.0)
+    assert np.sqrt(np.mean(scaled(found, *exact) ** 2)) < 1.0 + SCATTER
     # Standard deviations of the wrong model include part of its error.
     with np.errstate(invalid="ignore"):
         assert np.sqrt(np.nanmean(scaled(fixed, *exact) ** 2)) > 2.0

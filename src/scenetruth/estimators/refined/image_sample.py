@@ -122,7 +122,7 @@ def _noise(
     """Return the noise variance as a function of the grey value, and the residual of windows that fit well."""
     squares = [each.noise_residual for each in states]
     limit = float(np.median([each.images.noise_limit for each in states]))
-    if settings.noise != "estimated":
+    if settings.noise != "estimated" or states[0].images.demosaiced is not None:
         return variance, min(estimate_noise(np.sqrt(np.concatenate([each.ravel() for each in squares]))), limit)
     greys = [local_means(each.images.reference_grey()) for each in states]
     own = [each.images.variance.at(grey) for each, grey in zip(states, greys, strict=True)]

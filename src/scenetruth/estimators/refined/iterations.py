@@ -131,6 +131,8 @@ def refine(
         part = part.without(left_out)
         shifts = None if cameras is None or settled else ShiftObservations.blank(images.shape, len(part.view().s))
         varying = settings.noise == "estimated" and images.noise is None and model is models[0]
+        # Residuals by aliases follow the contrast, which may increase with the grey value where noise does not.
+        varying = varying and images.demosaiced is None
         evidence = PixelEvidence.blank(images.shape) if varying else None
         (fit,) = fit_round(
             part, state, [model], sigma, gains=gains, shifts=shifts, seen=evidence, coarse=True, draft=True

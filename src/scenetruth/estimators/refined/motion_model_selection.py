@@ -187,7 +187,7 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
     bent = [test.promising if test.motion.settings.accelerated else test.far for test in tests]
     near = around(np.logical_or.reduce(bent), round(_MARGIN * reach))
     if near.any():
-        tried, state = _iterate(refined, at, richer, tests, whole, near)
+        tried, state, smooth = _iterate(refined, at, richer, tests, (whole, single), near)
     left = [n for n, where in enumerate(tried) if where.any()]
     richer, tried = [richer[n] for n in left], [tried[n] for n in left]
     seen, uneven, curved = refined.seen, refined.uneven, refined.curved
@@ -313,10 +313,17 @@ def _iterate(
     at: Linearisation,
     richer: list[MotionModelCandidate],
     tests: list[_MotionModelTest],
-    whole: Mask,
+    among: tuple[Mask, Mask],
     near: Mask,
-) -> tuple[list[Mask], Map]:
-    """Fit the models again in the mask ``near``; return where to try each model, and the parameters."""
+) -> tuple[list[Mask], Map, Map]:
+    """Fit the models again in the mask ``near``; return where to try each model, the parameters and smooth velocity.
+
+    ``among``: Pixels whose windows show one surface according to the plain fit, and those that have a smooth velocity.
+    """
+    whole, single = among
+    reach = window_weights(richer[0].settings.window_sigma_px).shape[2] // 2
+    smooth = at.smooth if at.smooth is not None else np.full((3, *refined.images.shape), np.nan)
+    noise = richer[0].settings.max_residual_ratio * refined.images.residual_noise(refined.fit.residual[0])
     nodes = slice(None, None, at.step), slice(None, None, at.step)
     sigma = richer[0].settings.window_sigma_px / at.step
     simpler, theta, promising = at_nodes(refined.fit, at.step), at.state, []
@@ -326,13 +333,20 @@ def _iterate(
         if bent and not accelerating:
             promising.append(found)
             continue
-        again, theta = _iterated(refined, motion, theta, at.smooth, near)
+        # A plain fit that is far off has the smooth velocity of its errors.
+        again, theta = _iterated(refined, motion, theta, at.smooth if bent else None, near)
+        if not bent and motion.number == MOTION_AFFINE:
+            clear = at.where & near & explained(again.residual[0], again.residual[1], noise)
+            whole = whole | (clear & ~around(find_discontinuities(motion.images, theta), reach))
+            smooth = np.where(
+                near, smooth_velocity(again, (single | whole) & near, motion.settings.window_sigma_px), smooth
+            )
         again = at_nodes(again, at.step)
         suited = whole & near & ~refined.uneven if bent else whole & near
         changed = suited & enlarged(_changed(simpler, again, suited[nodes], sigma), at.step, suited.shape)
         promising.append(changed if bent else found | changed)
         simpler = simpler if bent else chosen_fit(near[nodes], again, fit)
-    return _list_tried(promising, richer), theta
+    return _list_tried(promising, richer), theta, smooth
 
 
 def _iterated(
