@@ -460,12 +460,13 @@ def with_indexes(variables: Mapping[str, xr.Variable]) -> xr.Coordinates:
     The import takes half a second of every process; Dask's arrays have no place in coordinates.
     """
     import pandas as pd
+    from xarray.indexes import PandasIndex
 
     found: dict[str, xr.Variable] = dict(variables)
     indexes = {}
     for name, variable in variables.items():
         if variable.dims == (name,):
-            indexes[name] = xr.indexes.PandasIndex(pd.Index(variable.values), name, coord_dtype=variable.dtype)
+            indexes[name] = PandasIndex(pd.Index(variable.values), name, coord_dtype=variable.dtype)
             found |= indexes[name].create_variables({name: variable})
     return xr.Coordinates(found, indexes)
 
