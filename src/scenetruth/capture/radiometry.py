@@ -92,15 +92,11 @@ class SensorNoise:
             ("DSNU", self.dsnu_e, self.dsnu_std, "electrons", 1.0),
             ("PRNU", self.prnu, self.prnu_std, "%", 100.0),
         )
-        lines = []
-        for name, value, std, unit, scale in rows:
-            if np.isfinite(value):
-                number = format_measured(scale * value, scale * std, _MOST_DIGITS)
-                lines.append(f"{name}: {number} ± {format_two_digits(scale * std)} {unit}")
-        return [*lines, *self.notes]
-
-
-_MOST_DIGITS = 8
+        return [
+            f"{name}: {format_measured(k * value, k * std, 8)} ± {format_two_digits(k * std)} {unit}"
+            for name, value, std, unit, k in rows
+            if np.isfinite(value)
+        ] + list(self.notes)
 
 
 def measure_noise(
