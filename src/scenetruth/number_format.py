@@ -157,7 +157,7 @@ def format_interval(low: float, high: float) -> str:
 def format_estimate(value: float, half: float, samples: int) -> str:
     """Return the text of an estimate with the half width of its interval, or of its insignificance.
 
-    >>> pairs = (0.532, 0.21), (-0.03, 0.09), (0.001, 0.004), (0.3, math.nan)
+    >>> pairs = (0.532, 0.21), (-0.03, 0.09), (0.004, 0.003), (0.3, math.nan)
     >>> tuple(format_estimate(value, uncertainty, 64) for value, uncertainty in pairs)
     ('0.53 ± 0.21', 'not significant with 64 samples', 'under 0.05', '0.30')
     """
@@ -165,12 +165,14 @@ def format_estimate(value: float, half: float, samples: int) -> str:
         return UNDEFINED
     if not math.isfinite(half):
         return f"{value:.2f}".replace("-", _MINUS)
-    if half <= abs(value):
+    if half <= abs(value) and abs(value) >= _ROUNDED:
         return f"{value:.2f} ± {half:.2f}".replace("-", _MINUS)
     return f"under {_LITTLE:g}" if value + half < _LITTLE else f"not significant with {samples} samples"
 
 
+_NO_CHANGE = 5e-5
 _LITTLE = 0.05  # negligible fraction of the variance
+_ROUNDED = 0.005  # smaller ones are 0.00
 
 
 def format_percent(share: float) -> str:
@@ -185,11 +187,12 @@ def format_percent(share: float) -> str:
 
 
 def format_signed_percent(share: float) -> str:
-    r"""Return the text of a relative change in per cent with its sign.
+    r"""Return the text of a relative change in per cent with its sign; changes under 0.005 % are 0 %.
 
-    >>> [format_signed_percent(share).replace("\N{NO-BREAK SPACE}", " ") for share in (0.21, -0.091, 0.0, math.nan)]
+    >>> [format_signed_percent(share).replace("\N{NO-BREAK SPACE}", " ") for share in (0.21, -0.091, 6e-8, math.nan)]
     ['+21 %', '−9.1 %', '0 %', '–']
     """
+    share = 0.0 if abs(share) < _NO_CHANGE else share
     return f"+{format_percent(share)}" if share > 0 else format_percent(share)
 
 

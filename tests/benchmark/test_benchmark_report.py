@@ -93,6 +93,7 @@ def test_the_page_is_one_file_in_which_no_word_acts(comparison: BenchmarkResult,
     assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
     assert HOSTILE not in text
     assert "noise at 0.1: mine: why" in text
+    assert "Noise floor: Disparity, standard deviation due to noise" in re.sub(r"<[^>]*>", "", text)
     found = re.search(r"^const charts = (.*);$", text, re.MULTILINE)
     assert found is not None
     charts = json.loads(found[1])

@@ -15,10 +15,11 @@ from scenetruth.benchmark.benchmark_result import BenchmarkResult
 from scenetruth.benchmark.cases.case import ALL, BOUND, SUITES, Case
 from scenetruth.benchmark.design_point import PICTURED_QUANTITIES, CaseErrorMaps
 from scenetruth.benchmark.error_statistics import INLIER_PX
-from scenetruth.benchmark.ranking_charts import build_charts, compute_rank_leaders
+from scenetruth.benchmark.ranking_charts import build_charts, compute_rank_leaders, describe_quantity
 from scenetruth.html import render_page
 from scenetruth.number_format import format_measured, format_number
 from scenetruth.output import write_atomically
+from scenetruth.scoring.quantities import get_title
 
 __all__ = ["WorstRegion", "write_benchmark_report"]
 
@@ -63,8 +64,9 @@ def select_worst_regions(found: BenchmarkResult, maps: Mapping[tuple[str, float]
                 continue
             seen.add(kind)
             none = not np.isfinite(one.errors[label]).any()
-            good = f"{100 * share:.0f}\u00a0% of {quantity} within {INLIER_PX:g}\u00a0px"
-            good = f"no valid pixel of {quantity}" if none else good
+            name = get_title(quantity).lower()
+            good = f"{name} within {INLIER_PX:g}\u00a0px at {100 * share:.0f}\u00a0% of the pixels"
+            good = f"{name} valid at no pixel" if none else good
             title = f"{case.title}, {case.varied} = {case.get_label(value)}: {good}"
             words = f"Image of the reference camera and the errors of {one.quantity} by {label}; {title}."
             pictures.append(WorstRegion(label, title, words, _drawn(one, label)))
@@ -182,10 +184,11 @@ _SUMMARY_STATISTICS = (
 
 def _summary(found: BenchmarkResult) -> dict[str, Any]:
     frame = found.ranking()
-    lines = []
-    for name, cells in frame.iterrows():
-        numbers = [float(one) for one in cells]
-        lines.append([str(name), *(format_number(one) for one in numbers)])
+    names = [describe_quantity(one) for one in found.headlines()]
+    lines = [
+        [name, *(format_number(float(one)) for one in cells)]
+        for name, cells in zip(names, frame.to_numpy(), strict=True)
+    ]
     return {"columns": [str(one) for one in frame.columns], "lines": lines}
 
 

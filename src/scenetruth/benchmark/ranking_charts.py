@@ -13,7 +13,7 @@ from scenetruth.html import COLOURS, Chart
 from scenetruth.scoring.quantities import get_title, get_units
 from scenetruth.scoring.statistics import STATISTIC_TITLES
 
-__all__ = ["RankDifference", "RankLeaders", "build_charts", "compute_rank_leaders"]
+__all__ = ["RankDifference", "RankLeaders", "build_charts", "compute_rank_leaders", "describe_quantity"]
 
 
 @dataclass(frozen=True)
@@ -105,6 +105,12 @@ def _rank_difference(one: RankedMethod, found: BenchmarkResult) -> RankDifferenc
     return RankDifference(one.case.kind, title, what, entries, [ours[0], _words(one, found, least)] if ours else [])
 
 
+def describe_quantity(one: RankedMethod) -> str:
+    """Return case, quantity, statistic and unit of a value, for a table."""
+    unit = "" if one.unit in ("", "1") else f", {one.unit}"
+    return f"{one.case.title}: {get_title(one.quantity)}, {STATISTIC_TITLES[one.statistic]}{unit}"
+
+
 def _words(one: RankedMethod, found: BenchmarkResult, number: float) -> str:
     unit = "" if one.unit in ("", "1") else f" {one.unit}"
     if one.statistic.startswith("cutoff_period"):
@@ -177,7 +183,7 @@ def _curves(
     layout: dict[str, dict[str, Any]] = {
         "title": {"text": f"{what}<br><sub>{where}</sub>" if where else what},
         "xaxis": {"title": {"text": case.varied}, **_axis(case, rows)},
-        "yaxis": {"type": "log" if positive else "linear", "exponentformat": "power"},
+        "yaxis": {"type": "log", "dtick": "D2", "exponentformat": "power"} if positive else {"type": "linear"},
     }
     if statistic in ("density", "amplitude_ratio"):
         layout["yaxis"]["range"] = [-0.05, 1.25]

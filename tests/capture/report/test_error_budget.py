@@ -117,7 +117,7 @@ def test_errors_of_a_stated_camera_are_those_of_closed_forms() -> None:
 def test_words_name_the_largest_sources() -> None:
     _, _, _, budget = drawn()
     first, second = budget.words()
-    assert first.startswith("Calibration and stage shift the depth at 660 mm of all pixels of a scan together")
+    assert first.startswith("Calibration and stage shift the depth at 660 mm of all pixels of a single scan together")
     assert f"standard uncertainty of {budget.total.mean_std:.2g} mm" in first
     assert f"{budget.parts[0].title} {budget.parts[0].mean_mm:.2g} mm" in first
     assert second.startswith("Depth differences within a map")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
-from scenetruth.design.optimisation import STATISTICS, compute_predicted_statistic, decide_target
+from scenetruth.design.optimisation import STATISTICS, compute_predicted_statistic, decide_target, describe_decision
 from scenetruth.design.prediction import PredictedValue, compute_spread
 from scenetruth.scoring.statistics import error_statistics
 
@@ -70,6 +72,14 @@ def test_decisions_on_targets_have_their_error_rates(count: int, scatter: float)
     assert set(far) == {"yes"}
     near = [decide_target(row[:-1], 0.1).answer for row in draws[:100]]
     assert set(near) == {"no"}
+
+
+def test_a_probability_is_never_stated_as_certain() -> None:
+    sure = describe_decision(decide_target((0.10, 0.11, 0.10, 0.09), 1.0), "mm")
+    assert sure.startswith("Yes: ")
+    assert sure.endswith("with a probability above 99 %")
+    assert describe_decision(decide_target((0.10, 0.11, 0.10, 0.09), 0.01), "mm").endswith("a probability below 1 %")
+    assert re.search(r"a probability of \d+ %$", describe_decision(decide_target((0.8, 1.1, 0.9), 1.0), "mm"))
 
 
 def test_targets_without_enough_recordings_are_not_decided() -> None:

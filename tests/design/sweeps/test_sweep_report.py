@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,10 +54,22 @@ def test_two_factors_make_a_map_and_lines() -> None:
     data = build_chart(heat)["data"][0]
     assert (data["x"], data["y"]) == (["1", "2", "4"], ["0.01", "0.02"])
     assert 10 ** np.array(data["z"]) == pytest.approx(np.array([[1, 3, 5], [2, 4, 6]]))
-    assert data["text"][1][2] == "6<br>(3)"
+    assert data["text"][1][2] == "6.0<br>(3)"
     assert data["customdata"][0][0] == "1.00, 95 %: 0.80 to 1.20, Cramér-Rao bound 0.5"
     assert "smallest 1 at stage.baseline_mm = 1, sensor.noise_std = 0.01" in heat.words
     assert [curve.name for curve in lines.curves if not curve.is_bound] == [f"{NOISE} = 0.01", f"{NOISE} = 0.02"]
+
+
+def test_the_first_sentence_counts_points_with_overlapping_intervals(tmp_path: Path) -> None:
+    def counted(low: float, folder: str) -> str:
+        # Of 1, 2 and 3, the first is the smallest, with the interval 0.8 to 1.2.
+        points = rows([{BASELINE: b} for b in (1, 2, 20)])
+        found = Sweep([BASELINE], ["cube"], ["mine"], [replace(r, ci_low=low) if r.value == 2 else r for r in points])
+        page = write_sweep_report(found, tmp_path / folder).read_text(encoding="utf-8")
+        return " ".join(re.findall(r"The interval of .*? this one", re.sub(r"<[^>]*>", "", page)))
+
+    assert counted(1.1, "one") == "The interval of 1 other point overlaps with this one"
+    assert counted(1.3, "none") == ""
 
 
 def test_points_that_fill_ranges_make_a_field_and_more_factors_make_points() -> None:

@@ -86,6 +86,14 @@ def test_the_page_is_one_file_in_which_no_word_acts(found: Budget, tmp_path: Pat
     assert not re.search(r'(src|href)="(?!#)', outside)
 
 
+def test_rounding_errors_are_shown_as_zero(found: Budget, tmp_path: Path) -> None:
+    parts = [replace(one, predicted=1e-9) if one.cause == "slope" else one for one in found.parts]
+    text = write_page(replace(found, parts=parts), tmp_path).read_text(encoding="utf-8")
+    row = re.sub(r"<[^>]*>", " ", text.partition("slanted surfaces</td>")[2].partition("</tr>")[0])
+    assert "e-0" not in row
+    assert "0.16" in row
+
+
 def test_tables_of_the_page_sort_and_their_sums_stay_below(found: Budget, tmp_path: Path) -> None:
     text = without_definitions(write_page(found, tmp_path).read_text(encoding="utf-8"))
     head, body, foot = (

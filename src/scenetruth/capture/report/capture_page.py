@@ -21,7 +21,13 @@ from scenetruth.capture.report.noise_figures import draw_depth_std, draw_noise, 
 from scenetruth.capture.report.suggestions import PoseEffect, Suggestion, assess_poses, cover, suggest
 from scenetruth.glossary import define_terms
 from scenetruth.html import HtmlTable, make_table, template_environment
-from scenetruth.number_format import format_measured, format_number, format_two_digits
+from scenetruth.number_format import (
+    format_length,
+    format_measured,
+    format_number,
+    format_signed_percent,
+    format_two_digits,
+)
 from scenetruth.progress import Progress
 from scenetruth.scoring.error_pairs import read_std
 from scenetruth.scoring.figures import FigureInfo
@@ -224,12 +230,14 @@ def _median_growth_std(estimate: xr.Dataset) -> float | None:
 
 def _suggestion_table(found: Sequence[Suggestion], budget: DepthBudget) -> HtmlTable:
     before = budget.total.mean_std
-    rows = [
-        (one.text, format_number(one.after_mm, 2), f"{100 * (one.after_mm / before - 1):+.0f} %".replace("-", "−"))
-        for one in found
-    ]
+    rows = [(one.text, format_number(one.after_mm, 2), _change(one.after_mm / before - 1)) for one in found]
     caption = f"Standard deviation of the mean depth at {budget.depth_mm:.0f} mm, now {format_number(before, 2)} mm"
     return make_table("suggestions", caption, ("change", "then [mm]", "difference"), rows)
+
+
+def _change(share: float) -> str:
+    """Return a relative change in whole per cent."""
+    return format_signed_percent(round(share, 2))
 
 
 _MOST_DIGITS = 12
@@ -243,10 +251,10 @@ def _parameter_table(calibration: RigCalibration) -> HtmlTable:
         if std == 0 and calibration.value(name) == 0:
             continue
         prior = calibration.prior_std[calibration.names.index(name)]
-        stated = format_two_digits(float(prior)) if np.isfinite(prior) else "none"
+        stated = format_length(float(prior), 2) if np.isfinite(prior) else "none"
         meaning = _MEANINGS.get(name, "relative error of the size" if name.endswith(".scale") else "lens distortion")
         value = format_measured(calibration.value(name), std, _MOST_DIGITS)
-        rows.append((name, meaning, _UNITS.get(name, "–"), value, format_two_digits(std), stated))
+        rows.append((name, meaning, _UNITS.get(name, "–"), value, format_number(std, 2), stated))
     caption = "Parameters, with standard deviations after the calibration, and stated before it (tolerance)"
     return make_table("parameters", caption, ("parameter", "meaning", "unit", "value", "std", "tolerance"), rows)
 

@@ -86,7 +86,7 @@ class DepthBudget:
     @property
     def _scan(self) -> str:
         """New visits are new at every scan."""
-        return "" if self.total.mean_std == self.calibration.mean_std else " of a scan"
+        return "" if self.total.mean_std == self.calibration.mean_std else " of a single scan"
 
     @property
     def shape(self) -> tuple[int, int]:

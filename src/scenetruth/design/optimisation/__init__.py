@@ -26,6 +26,7 @@ from scenetruth.design.optimisation.design_records import (
     compute_prediction_interval,
     compute_rig_interval,
     decide_target,
+    describe_decision,
 )
 from scenetruth.design.optimisation.design_result import (
     DesignResult,
@@ -126,7 +127,7 @@ __all__ = [
     "compare_with_prediction", "compose_summary", "compute_depth_of_field", "compute_local_sensitivities",
     "compute_objective_contributions", "compute_outline", "compute_predicted_statistic", "compute_prediction_interval",
     "compute_rig_interval", "compute_side_view", "compute_stage_shifts_px", "compute_stage_uncertainty",
-    "decide_target", "derive_blur_limit", "describe_limiting_factors", "describe_rank_consistency",
+    "decide_target", "derive_blur_limit", "describe_decision", "describe_limiting_factors", "describe_rank_consistency",
     "describe_sensitivities", "describe_side_view", "describe_standard_lens", "draw_side_views", "evaluate_bound",
     "evaluate_rig", "find_pareto_front", "format_parameter", "get_simulated_statistic", "list_assumptions",
     "list_warnings", "load_catalogues", "load_design_spec", "optimise", "prepare_problem", "rank_evaluations",

@@ -273,7 +273,9 @@ def describe_decision(found: TargetDecision, unit: str) -> str:
     recordings = "one recording" if found.seeds == 1 else f"{found.seeds} recordings"
     if not math.isfinite(found.ci_low):
         return f"Undecided: {recordings} cannot decide it"
-    further = f"a further recording reaches the target with a probability of {100 * found.chance:.0f} %"
+    chance = f"of {100 * found.chance:.0f} %" if 0.01 <= found.chance <= 0.99 else "above 99 %"
+    chance = "below 1 %" if found.chance < 0.01 else chance
+    further = f"a further recording reaches the target with a probability {chance}"
     if found.answer == "yes":
         return f"Yes: at most {found.ci_high:.3g} {unit} with 95 % confidence; {further}"
     if found.answer == "no":

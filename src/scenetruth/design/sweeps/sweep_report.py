@@ -147,8 +147,10 @@ def _bar(panel: SweepPanel, drawn: SweepMap) -> dict[str, Any]:
 
 
 def _short(cell: tuple[Any, ...]) -> str:
-    _, _, number, _, _, bound = cell
-    return format_short(number) + (f"<br>({format_short(bound, 2)})" if math.isfinite(bound) else "")
+    _, _, number, low, high, bound = cell
+    return format_measured(number, 0.5 * (high - low)) + (
+        f"<br>({format_short(bound, 2)})" if math.isfinite(bound) else ""
+    )
 
 
 def _long(cell: tuple[Any, ...]) -> str:
@@ -260,7 +262,21 @@ def _state_result(found: Sweep, region: str) -> str:
     bars = f" (95 %: {interval})" if interval not in ("", UNDEFINED) else ""
     by = f", with {method[0]}" if method else ""
     name = f"{title[0].lower()}{title[1:]}"
-    return f"The smallest RMSE of {name} in the region {region} is {number} {unit}{bars}, at {where}{by}."
+    text = f"The smallest RMSE of {name} in the region {region} is {number} {unit}{bars}, at {where}{by}."
+    return text + _count_similar(found, region)
+
+
+def _count_similar(found: Sweep, region: str) -> str:
+    """Return how many points have intervals that overlap with that of the smallest error of the first quantity."""
+    for quantity in list_plotted_quantities(found):
+        rows = list(found.selected(quantity, "rmse", region=region, methods=found.methods))
+        if rows:
+            best = min(rows, key=lambda row: row.value)
+            others = [row for row in rows if row is not best and math.isfinite(row.ci_low)]
+            count = sum(row.ci_low <= best.ci_high for row in others)
+            points = "1 other point overlaps" if count == 1 else f"{count} of the other {len(rows) - 1} points overlap"
+            return f" The interval of {points} with this one; more seeds distinguish them." if count else ""
+    return ""
 
 
 def _lines(found: Sweep, region: str) -> list[list[str]]:

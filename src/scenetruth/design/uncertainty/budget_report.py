@@ -241,7 +241,10 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
             [
                 HtmlCell(one.title),
                 HtmlCell(one.size),  # magnitudes have different units and sort as text
-                *(_cell(value) for value in (one.value, one.predicted, one.predicted_for_seeds, one.simulated)),
+                *(
+                    _cell(value, total.root_sum_square)
+                    for value in (one.value, one.predicted, one.predicted_for_seeds, one.simulated)
+                ),
                 _share(one.valid_fraction),
             ]
             for one in parts
@@ -272,8 +275,12 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
     return path
 
 
-def _cell(value: float) -> HtmlCell:
-    return HtmlCell(format_two_digits(value), value)
+def _cell(value: float, combined: float) -> HtmlCell:
+    """Return a contribution; what rounding leaves of a contribution that is zero is shown as zero."""
+    return HtmlCell("0" if abs(value) < _ROUNDING * combined else format_two_digits(value), value)
+
+
+_ROUNDING = 1e-6
 
 
 def _share(value: float) -> HtmlCell:
