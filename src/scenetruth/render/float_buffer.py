@@ -132,7 +132,7 @@ def float_material(values: NDArray[np.float32], *, tiled: bool, cubic: bool, two
     height, width = padded.shape
     texture = pyrender.Texture(source_channels="R", width=width, height=height, data_format=GL.GL_FLOAT)
     # A texture that held its own function would be freed by the garbage collector only.
-    own = weakref.proxy(texture)
+    own: Any = weakref.proxy(texture)
 
     def upload() -> None:
         own._texid = GL.glGenTextures(1)
