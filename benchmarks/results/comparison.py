@@ -127,9 +127,11 @@ def losses(methods: Sequence[MethodData]) -> pd.DataFrame:
                 continue
             there = _levels_of(other, value)
             levels = list(there[there[value.column].notna()]["level"])
+            if not levels:
+                continue
             number, share = value_of(other, value, levels)
             best, density = value_of(own, value, levels)
-            if math.isnan(number) or number >= best:
+            if number >= best:
                 continue
             all_images = value_of(whole, value, levels)[0] if whole is not None else math.nan
             lines.append(

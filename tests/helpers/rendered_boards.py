@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -107,17 +109,42 @@ def render_board(
 
     ``fine``: Root of the number of samples per pixel.
     """
+    image = _sampled(_Pose(board, camera, rotation, translation), fine // _PARTS)
+    # The light is blurred before the pixels integrate it.
+    image = gaussian_filter(BLACK + (WHITE - BLACK) * image, blur_px * _PARTS, truncate=6.0)
+    return np.asarray(image.reshape(camera.height, _PARTS, camera.width, _PARTS).mean(axis=(1, 3)))
+
+
+class _Pose(NamedTuple):
+    """What a board without blur and noise depends on; equal ones share an image."""
+
+    board: CharucoBoard | Checkerboard | DotGrid
+    camera: Camera
+    rotation: Array
+    translation: Array
+
+    def __hash__(self) -> int:
+        return hash(self._text())
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Pose) and self._text() == other._text()
+
+    def _text(self) -> tuple[object, ...]:
+        return repr(self.board), repr(self.camera), self.rotation.tobytes(), self.translation.tobytes()
+
+
+@lru_cache(maxsize=2)
+def _sampled(pose: _Pose, fine: int) -> Array:
+    """Return the share of white in each part of the pixels."""
+    board, camera, rotation, translation = pose
     rays = _rays(camera)
     inverse = np.linalg.inv(np.column_stack([rotation[:, 0], rotation[:, 1], translation]))
     image = np.empty((camera.height * _PARTS, camera.width * _PARTS))
     if isinstance(board, DotGrid):
-        _sample_dots(rays, inverse, board.points_mm[:, :2].copy(), board.diameter_mm / 2, fine // _PARTS, image)
-        image = image if board.dark else 1 - image
-    else:
-        _sample(rays, inverse, board_bitmap(board), CELL / board.square_mm, fine // _PARTS, image)
-    # The light is blurred before the pixels integrate it.
-    image = gaussian_filter(BLACK + (WHITE - BLACK) * image, blur_px * _PARTS, truncate=6.0)
-    return np.asarray(image.reshape(camera.height, _PARTS, camera.width, _PARTS).mean(axis=(1, 3)))
+        _sample_dots(rays, inverse, board.points_mm[:, :2].copy(), board.diameter_mm / 2, fine, image)
+        return image if board.dark else 1 - image
+    _sample(rays, inverse, board_bitmap(board), CELL / board.square_mm, fine, image)
+    return image
 
 
 def _rays(camera: Camera) -> Array:

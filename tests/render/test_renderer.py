@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import math
 import os
+import weakref
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -231,6 +232,20 @@ def test_closing_twice_is_harmless(opener: Opener) -> None:
     renderer = opener(build_scene(scene), scene)
     renderer.close()
     renderer.close()
+
+
+def test_textures_are_freed_without_the_garbage_collector() -> None:
+    scene = cube()
+    renderer = open_pyrender(build_scene(scene), scene)
+    renderer.render(0.0, Viewpoint(np.zeros(3)))
+    textures = [weakref.ref(material.baseColorTexture) for material in renderer._drawing._materials]  # type: ignore[attr-defined]
+    assert textures
+    gc.disable()
+    try:
+        renderer.close()
+        assert [texture() for texture in textures] == [None] * len(textures)
+    finally:
+        gc.enable()
 
 
 @backends

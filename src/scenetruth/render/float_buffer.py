@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -130,10 +131,12 @@ def float_material(values: NDArray[np.float32], *, tiled: bool, cubic: bool, two
         )
     height, width = padded.shape
     texture = pyrender.Texture(source_channels="R", width=width, height=height, data_format=GL.GL_FLOAT)
+    # A texture that held its own function would be freed by the garbage collector only.
+    own: Any = weakref.proxy(texture)
 
     def upload() -> None:
-        texture._texid = GL.glGenTextures(1)
-        GL.glBindTexture(GL.GL_TEXTURE_2D, texture._texid)
+        own._texid = GL.glGenTextures(1)
+        GL.glBindTexture(GL.GL_TEXTURE_2D, own._texid)
         GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 4)
         GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_R32F, width, height, 0, GL.GL_RED, GL.GL_FLOAT, padded)
         # Without mip-maps a texture is complete only if no filter uses them.

@@ -185,7 +185,7 @@ class _Drawing:
             for material in self._materials:
                 self._buffer.prepare(material)
         except BackendUnavailableError:
-            self._context.delete()
+            self._release()
             raise
 
     def draw(
@@ -247,7 +247,18 @@ class _Drawing:
         """Free the OpenGL context and its resources."""
         self._context._platform.make_current()
         self._buffer.delete()
-        self._context.delete()
+        self._release()
+
+    def _release(self) -> None:
+        """Do what `OffscreenRenderer.delete` does, but for a run of the garbage collector (0.1 s in large programs)."""
+        context = self._context
+        context._platform.make_current()
+        context._renderer.delete()
+        context._platform.delete_context()
+        # These refer to each other: without this, their textures would wait for the collector.
+        vars(context._renderer).clear()
+        self._scene.clear()
+        context._renderer = context._platform = None
 
 
 def _tile_size(width: int, height: int, n: int, limit: int) -> tuple[int, int]:
