@@ -138,7 +138,7 @@ def test_scenes_that_are_built_again_need_no_further_search(monkeypatch: pytest.
 
 
 def test_the_longest_steps_are_those_within_the_errors() -> None:
-    texture = build_scene(noise_plane((2.0, 30.0), (60, 80))).bodies[0].texture
+    texture = build_scene(noise_plane((6.0, 30.0), (60, 80))).bodies[0].texture
     (errors,) = compute_rule_errors([texture])
     assert errors.shape[0] == 1 + len(GAUSS_ORDERS)
     assert (np.diff(errors, axis=1) >= 0).all()

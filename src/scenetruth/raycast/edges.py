@@ -225,10 +225,16 @@ def _grown(pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def _mark(mixed: NDArray[np.bool_], positions: NDArray[np.float64]) -> None:
     """Mark the pixels at image positions; a line along a pixel border belongs to both pixels."""
     last_row, last_column = mixed.shape[0] - 1, mixed.shape[1] - 1
+    nearest = np.rint(positions)
+    columns, rows = nearest.astype(np.int64).T
+    mixed[np.clip(rows, 0, last_row), np.clip(columns, 0, last_column)] = True
+    # Few lines are near a pixel border.
+    near = np.abs(positions - nearest) > 0.5 - 2 * _TOUCH_PX
+    few = positions[near[:, 0] | near[:, 1]]
     for shift_x in (-_TOUCH_PX, _TOUCH_PX):
         for shift_y in (-_TOUCH_PX, _TOUCH_PX):
-            columns = np.clip(np.rint(positions[:, 0] + shift_x).astype(np.int64), 0, last_column)
-            rows = np.clip(np.rint(positions[:, 1] + shift_y).astype(np.int64), 0, last_row)
+            columns = np.clip(np.rint(few[:, 0] + shift_x).astype(np.int64), 0, last_column)
+            rows = np.clip(np.rint(few[:, 1] + shift_y).astype(np.int64), 0, last_row)
             mixed[rows, columns] = True
 
 

@@ -215,14 +215,17 @@ class AdaptiveRenderer(SteppedLightRenderer):
         """Change the rules for textures without an end of their spectrum, by the bends of the texture in each pixel."""
         from scenetruth.render.pixel_filter_kernels import NO_RULE, texture_ranges
 
-        fine, alone = rules == FINE, (rules == FINE - 1) & np.isinf(steps)
-        np.putmask(rules, fine, FINE + 1)
+        fine = np.flatnonzero(rules == FINE)
+        alone = np.flatnonzero(rules == FINE - 1)
+        alone = alone[np.isinf(steps[alone])]
+        rules[fine] = FINE + 1
+        fine = fine[steps[fine] < np.inf]
         for index, item in enumerate(self._world.bodies):
             tinted = item.texture if isinstance(item.texture, TintedTexture) else TintedTexture(item.texture, 1.0)
             factor = max(tinted.factor, 1.0)
             if item.texture.cubic:
-                rules[alone & (body == index)] = ALONE
-                every = np.flatnonzero((body == index) & fine & (steps < np.inf))
+                rules[alone[body[alone] == index]] = ALONE
+                every = fine[body[fine] == index]
                 if len(every):
                     self._choose_wide(rules, steps, every, tinted.untinted, factor, float(self._longest[index, -1]))
                 continue

@@ -181,17 +181,20 @@ class FootprintRenderer(RaycastRenderer):
         # The rule at pixel centres is for pixels that can be filtered; the first Gauss rule replaces it.
         chosen, body = np.maximum(rules.ravel()[pixels], 1), view.body[pixels]
         canvas.lit[pixels] = False
+        count = len(self._world.bodies)
+        order = np.argsort(body.astype(np.uint8) if count < 256 else body, kind="stable")
+        bounds = np.searchsorted(body[order], np.arange(count + 1))
         for index, item in enumerate(self._world.bodies):
-            own = body == index
-            if not own.any():
+            if bounds[index] == bounds[index + 1]:
                 continue
+            own = order[bounds[index] : bounds[index + 1]]
             raster = raster_of(item.texture)
             faceted = self._shader is not None and not (item.mesh.smooth or canvas.bare)
             if raster is not None and not (faceted and canvas.by_lamp is None):
                 self._average_body(raster, item, view, canvas, pixels[own], chosen[own], faceted=faceted)
                 continue
             for number, rule in enumerate(all_rules(), start=1):
-                some = pixels[own & (chosen == number)]
+                some = pixels[own[chosen[own] == number]]
                 if len(some):
                     self._average_by(rule, view, canvas, some, index)
         some = pixels[~canvas.lit[pixels]]
