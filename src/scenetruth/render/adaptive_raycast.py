@@ -43,7 +43,7 @@ _PIXELS_PER_PIECE = 1 << 16
 _CUT_ERROR = 0.05  # RMS error of the area on one side of a line across a pixel that is cut along others
 _AREA_ERROR = 0.25  # the same by n x n Gauss points, times n^1.4, as `stepped_light` states it for n = 2 to 8
 _EDGES_CUT = 3  # edges between facets in a mixed pixel, on average
-_EVERY = 3  # rows and columns from one to the next of the pixels of which the error of an image is determined
+_EVERY = 4  # rows and columns from one to the next of the pixels of which the error of an image is determined
 _FEW_LOWERED = 0.1  # fraction of the pixels up to which no coarser rules are chosen, because the choice takes longer
 _LEAST_ORDER = 2  # Gauss points per pixel along each axis in mixed pixels
 _FINE_ORDER = 16  # Gauss points per pixel along each axis across shadows in mixed pixels

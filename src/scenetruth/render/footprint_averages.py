@@ -182,12 +182,12 @@ class FootprintRenderer(RaycastRenderer):
         chosen, body = np.maximum(rules.ravel()[pixels], 1), view.body[pixels]
         canvas.lit[pixels] = False
         count = len(self._world.bodies)
-        order = np.argsort(body.astype(np.uint8) if count < 256 else body, kind="stable")
-        bounds = np.searchsorted(body[order], np.arange(count + 1))
+        by_body = np.argsort(body.astype(np.uint8) if count < 256 else body, kind="stable")
+        bounds = np.searchsorted(body[by_body], np.arange(count + 1))
         for index, item in enumerate(self._world.bodies):
             if bounds[index] == bounds[index + 1]:
                 continue
-            own = order[bounds[index] : bounds[index + 1]]
+            own = by_body[bounds[index] : bounds[index + 1]]
             raster = raster_of(item.texture)
             faceted = self._shader is not None and not (item.mesh.smooth or canvas.bare)
             if raster is not None and not (faceted and canvas.by_lamp is None):
