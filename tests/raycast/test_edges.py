@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenetruth.camera import Camera, Viewpoint
-from scenetruth.raycast import RayCaster, Topology, mixed_pixels
+from scenetruth.camera import Camera, Viewpoint, pixel_rays
+from scenetruth.raycast import RayCaster, Topology, mixed_pixels, places_in_pixels
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.truth import GeometryPass, truth_maps
 from tests.helpers.nightly import nightly
@@ -97,3 +97,19 @@ def test_edges_that_run_behind_the_camera_are_cut() -> None:
     assert len(rows) > 20
     assert mixed[rows].any(axis=1).all()
     assert mixed.sum() < 6 * len(rows) + 10
+
+
+@pytest.mark.parametrize("distortion", [None, {"k1": -9.0, "p1": 0.05, "p2": -0.02}])
+def test_places_in_pixels_are_those_of_rays(distortion: dict[str, float] | None) -> None:
+    camera = Camera(width=64, height=48, focal_length_px=1254, principal_point_px=(30.3, 25.6), distortion=distortion)
+    rays, generator = pixel_rays(camera), np.random.default_rng(3)
+    across, down = (np.broadcast_to(item, rays.directions.shape) for item in rays.steps)
+    pixels = np.sort(generator.integers(0, 64 * 48, 200))
+    offsets, depths = generator.uniform(-9, 9, (200, 2, 2)), generator.uniform(100, 900, (200, 2))
+    depths[::5] *= -1
+    steps = offsets[..., :1] * across[pixels, None] + offsets[..., 1:] * down[pixels, None]
+    points = depths[..., None] * (rays.directions[pixels, None] + steps)
+    multiples, places = places_in_pixels(rays.directions, rays.steps, 64, pixels, points)
+    np.testing.assert_allclose(multiples, depths, rtol=1e-12)
+    # Positions of up to 64 px in float64, from directions with 1e-16 of a focal length.
+    np.testing.assert_allclose(places, offsets, rtol=0, atol=1e-11)

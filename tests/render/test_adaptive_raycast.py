@@ -283,3 +283,21 @@ def test_strips_as_narrow_as_pixels_have_enough_samples() -> None:
     inner = fine.reshape(32, 64, 40, 64).min(axis=(1, 3)) > 0
     assert np.count_nonzero(inner) > 60
     assert np.abs(image_of(scene) - expected)[inner].max() < 1e-4
+
+
+@pytest.mark.parametrize("error", [1e-4, 4e-4])
+def test_rules_use_the_error_that_is_allowed_for_the_image(error: float) -> None:
+    """On an oblique plane, the texture steps of pixels are between the longest of two rules."""
+    noise = {"kind": "noise", "wavelength_mm": [1.5, 10.0], "mean": 0.5, "rms_contrast": 0.3}
+    oblique = {"position_mm": [0, 0, 100], "rotations": [{"axis": [0, 1, 0], "angle_deg": 40}]}
+    wall = plane("wall", 1.0, (400, 400), **oblique) | {"texture": noise}
+    scene = scene_with(wall, camera={"width": 96, "height": 64, "focal_length_px": 110})
+    world = build_scene(scene)
+    renderer = AdaptiveRenderer(world, scene.camera, scene.background, image_error=error)
+    found = renderer.render(0.0, ON_AXIS)
+    renderer._longer = [np.zeros_like(renderer._longest)]
+    finer = renderer.render(0.0, ON_AXIS)
+    exact = RaycastRenderer(world, scene.camera, scene.background, 16).render(0.0, ON_AXIS)
+    # Coarser rules in some pixels.
+    assert np.count_nonzero(found != finer) > 0.05 * found.size
+    assert rms(finer - exact) < rms(found - exact) < error

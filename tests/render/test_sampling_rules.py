@@ -11,6 +11,7 @@ from scenetruth.render.sampling_rules import (
     GAUSS_ORDERS,
     WIDE_ORDERS,
     compute_longest_steps,
+    compute_rule_errors,
     compute_widest_steps,
     even_rule,
     filter_transfer,
@@ -18,6 +19,7 @@ from scenetruth.render.sampling_rules import (
     gauss_transfer,
     lattice_rule,
     square_rule,
+    step_indices,
 )
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.texture import SurfaceTexture
@@ -122,14 +124,35 @@ def test_scenes_that_are_built_again_need_no_further_search(monkeypatch: pytest.
     other = build_scene(scene.model_copy(update={"seed": scene.seed + 1})).bodies[0].texture
     steps = compute_longest_steps([first], 2e-4)
     searches: list[object] = []
-    search = sampling_rules._longest_steps
+    search = sampling_rules._rule_errors
 
-    def counted(texture: SurfaceTexture, error: float) -> np.ndarray:
+    def counted(texture: SurfaceTexture) -> np.ndarray:
         searches.append(texture)
-        return search(texture, error)
+        return search(texture)
 
-    monkeypatch.setattr(sampling_rules, "_longest_steps", counted)
+    monkeypatch.setattr(sampling_rules, "_rule_errors", counted)
     assert (compute_longest_steps([again, first], 2e-4) == steps).all()
     assert not searches
     compute_longest_steps([other], 2e-4)
     assert searches == [other]
+
+
+def test_the_longest_steps_are_those_within_the_errors() -> None:
+    texture = build_scene(noise_plane((6.0, 30.0), (60, 80))).bodies[0].texture
+    (errors,) = compute_rule_errors([texture])
+    assert errors.shape[0] == 1 + len(GAUSS_ORDERS)
+    assert (np.diff(errors, axis=1) >= 0).all()
+    assert (np.diff(errors[1:], axis=0) <= 0).all()
+    for error in (1e-5, 1e-4, 1e-3):
+        (longest,) = compute_longest_steps([texture], error)
+        rules = np.arange(len(longest))
+        inside = longest > 0
+        assert inside[1:].all()
+        assert (errors[rules, step_indices(longest)] <= error)[inside].all()
+        assert (errors[rules, step_indices(1.05 * longest)] > error)[inside & np.isfinite(longest)].all()
+
+
+def test_steps_between_those_tried_have_the_error_of_the_next() -> None:
+    exact = 2.0 ** np.arange(-6, 6.01, 0.0625)
+    np.testing.assert_array_equal(step_indices(exact * (1 - 1e-9)), np.arange(len(exact)))
+    assert step_indices(np.array([0.0, 1e-9, 1e9, np.inf])).tolist() == [0, 0, len(exact) - 1, len(exact) - 1]

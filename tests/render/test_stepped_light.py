@@ -180,3 +180,35 @@ def test_steps_between_faces_are_mean_squares() -> None:
     own = np.array([0.09, 0.18, 0.09]) / 3
     around = np.array([(own[1] + 2 * own[0]) / 3, (own[0] + own[2] + own[1]) / 3, (own[1] + 2 * own[2]) / 3])
     np.testing.assert_allclose(face_steps(light, neighbours), (own + around) / 2)
+
+
+@given(seed=some.integers(0, 1000), count=some.integers(1, 400), spread=some.floats(0.1, 4))
+@settings(max_examples=60, deadline=None)
+def test_the_smallest_errors_are_kept_up_to_their_sum(seed: int, count: int, spread: float) -> None:
+    generator = np.random.default_rng(seed)
+    squares = 1e-8 * np.exp(spread * generator.normal(size=generator.integers(0, 300)))
+    found = errors_above(squares, 1e-4, count)
+    # All of them in ascending order, one after another.
+    total, expected = 0.0, np.ones(len(squares), dtype=bool)
+    for index in np.argsort(squares):
+        total += squares[index]
+        expected[index] = total > count * 1e-8 * (1 + 1e-12) or squares[index] > 25e-8
+    np.testing.assert_array_equal(found, expected)
+
+
+@given(seed=some.integers(0, 1000), lamps=some.integers(1, 3))
+@settings(max_examples=20, deadline=None)
+def test_steps_of_light_are_the_mean_over_the_sides_of_faces_and_their_neighbours(seed: int, lamps: int) -> None:
+    generator = np.random.default_rng(seed)
+    light, neighbours = generator.random((30, lamps)), generator.integers(-1, 30, (30, 3)).astype(np.int32)
+    light[generator.random(light.shape) < 0.2] = np.nan
+
+    def own(face: int) -> float:
+        sides = [np.nansum(light[other] - light[face]) ** 2 for other in neighbours[face] if other >= 0]
+        return float(sum(sides)) / 3
+
+    expected = [
+        (own(face) + np.mean([own(other if other >= 0 else face) for other in neighbours[face]])) / 2
+        for face in range(30)
+    ]
+    np.testing.assert_allclose(face_steps(light, neighbours), expected, rtol=1e-12)

@@ -25,6 +25,7 @@ from scipy.spatial.transform import Rotation
 
 import scenetruth as st
 from scenetruth.resources import refuse_beyond_limits
+from scenetruth.scene import built_scene
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.mesh import load_mesh_file, make_box
 from scenetruth.scene.scene_report import check_scene, describe_scene
@@ -268,7 +269,7 @@ def test_report_of_the_cube() -> None:
     assert item.wavelength_px == pytest.approx((3.2 * 1254 / item.depth_mm[1], 12 * 1254 / item.depth_mm[0]))
 
 
-def test_the_last_snapshots_are_kept_and_are_those_of_their_times() -> None:
+def test_the_last_snapshots_are_kept_and_are_those_of_their_times(monkeypatch: pytest.MonkeyPatch) -> None:
     world = build_scene(cube())
     times = [0.0, 1.0, 0.0, 2.5, 1.0, 2.5, 4.0, 3.0, 5.0, 0.0]
     for t in times:
@@ -279,7 +280,15 @@ def test_the_last_snapshots_are_kept_and_are_those_of_their_times() -> None:
         assert (kept.vertices_mm == fresh.vertices_mm).all()
         assert (kept.velocities == fresh.velocities).all()
     # Memory stays flat, however many times are asked for.
-    assert len(world._recent) == 4
+    for t in range(70):
+        world.at(float(t))
+    assert len(world._recent) == 64
+    monkeypatch.setattr(built_scene, "_SNAPSHOT_NUMBERS", 6 * 9 * 8)
+    world.at(-1.0)
+    assert len(world._recent) == 6
+    monkeypatch.setattr(built_scene, "_SNAPSHOT_NUMBERS", 1)
+    world.at(-2.0)
+    assert list(world._recent) == [68.0, 69.0, -1.0, -2.0]
 
 
 BOX = trimesh.creation.box((10, 10, 10))

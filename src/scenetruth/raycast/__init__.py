@@ -1,6 +1,13 @@
 """Ray casting against triangle meshes with exact hits in float64."""
 
-from scenetruth.raycast.edges import Changes, MixedPixels, SurfaceLines, find_mixed_pixels, mixed_pixels
+from scenetruth.raycast.edges import (
+    Changes,
+    MixedPixels,
+    SurfaceLines,
+    find_mixed_pixels,
+    mixed_pixels,
+    places_in_pixels,
+)
 from scenetruth.raycast.mesh_topology import ImageRays, TexturedMesh, Topology, scene_topology
 from scenetruth.raycast.ray_caster import Hits, RayCaster
 from scenetruth.raycast.shadows import ShadowCaster
@@ -17,5 +24,6 @@ __all__ = [
     "Topology",
     "find_mixed_pixels",
     "mixed_pixels",
+    "places_in_pixels",
     "scene_topology",
 ]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast.ray_caster import RayCaster
 
-__all__ = ["Changes", "MixedPixels", "SurfaceLines", "find_mixed_pixels", "mixed_pixels"]
+__all__ = ["Changes", "MixedPixels", "SurfaceLines", "find_mixed_pixels", "mixed_pixels", "places_in_pixels"]
 
 _NEAR = 1e-6  # near clipping depth of edges in mm
 _TOUCH_PX = 1e-6  # distance from a pixel border in px below which a line belongs to both pixels
@@ -108,18 +108,39 @@ def find_mixed_pixels(
     seen = np.zeros(len(parts), dtype=np.bool_)
     seen[of_part[pieces.seen[inside]]] = True
     pixels, edge = np.divmod(parts, edges)
-    rays = pixel_rays(camera)
-    # Pixels are ascending, and most contain several edges.
-    begins = np.concatenate([[True], pixels[1:] != pixels[:-1]])[: len(pixels)]
-    own = pixels[begins]
-    across, down = (item[own] if len(item) > 1 else np.broadcast_to(item, (len(own), 3)) for item in rays.steps)
-    # A point is on the ray at x, y of a pixel if it is a multiple of the direction + x across + y down.
-    basis = np.linalg.inv(np.stack([rays.directions[own], across, down], axis=-1))[np.cumsum(begins) - 1]
-    corners = pieces.ends_mm[edge]
+    rays, corners = pixel_rays(camera), pieces.ends_mm[edge]
     _cut_in_front(corners)
-    places = np.einsum("kij,kcj->kci", basis, corners)
-    ends = (places[..., 1:] / places[..., :1]).reshape(-1, 4)
+    ends = places_in_pixels(rays.directions, rays.steps, camera.width, pixels, corners)[1].reshape(-1, 4)
     return MixedPixels(mixed, bare, pixels, ends, seen)
+
+
+def places_in_pixels(
+    directions: NDArray[np.float64],
+    steps: tuple[NDArray[np.float64], NDArray[np.float64]],
+    width: int,
+    pixels: NDArray[np.int64],
+    points: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the multiples of points, shape (n, m), and their offsets (x, y) from pixel centres in px, shape (n, m, 2).
+
+    A point is on the ray at x, y of a pixel if it is a multiple of the direction + x across + y down.
+
+    ``directions``, ``steps``: See `ImageRays`.
+    ``pixels``: Pixel of each group of points, shape (n,). ``points``: Relative to the origin of the rays, (n, m, 3).
+    """
+    across, down = steps
+    if len(across) == 1 == len(down):
+        # Rays are linear in the position in the image, which begins in the first pixel.
+        basis = np.linalg.inv(np.stack([directions[0], across[0], down[0]], axis=-1))
+        found = points @ basis.T
+        row, column = np.divmod(pixels, width)
+        return found[..., 0], found[..., 1:] / found[..., :1] - np.stack([column, row], axis=-1)[:, None]
+    # Most pixels contain several edges.
+    own, of = np.unique(pixels, return_inverse=True)
+    across, down = (item[own] if len(item) > 1 else np.broadcast_to(item, (len(own), 3)) for item in steps)
+    basis = np.linalg.inv(np.stack([directions[own], across, down], axis=-1))[of]
+    found = np.einsum("kij,kcj->kci", basis, points)
+    return found[..., 0], found[..., 1:] / found[..., :1]
 
 
 def _marked(
@@ -153,7 +174,8 @@ def _marked(
         rays = viewpoint.directions_to_world(directions[order])
         hits = caster.cast_in_pixels(viewpoint.position_mm, rays, pixels[order])
         depth = 1 / inverse_depth
-        at_edge = (hits.face[:, None] == faces[which[order]]).any(axis=1)
+        one, other = faces.T
+        at_edge = (hits.face == one[which[order]]) | (hits.face == other[which[order]])
         seen[order] = at_edge | ~(hits.depth < depth[order] * (1 - _HIDDEN))
         if lines is not None and changes is not None:
             here = np.flatnonzero(seen & (which >= len(edges)))
@@ -203,10 +225,16 @@ def _grown(pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def _mark(mixed: NDArray[np.bool_], positions: NDArray[np.float64]) -> None:
     """Mark the pixels at image positions; a line along a pixel border belongs to both pixels."""
     last_row, last_column = mixed.shape[0] - 1, mixed.shape[1] - 1
+    nearest = np.rint(positions)
+    columns, rows = nearest.astype(np.int64).T
+    mixed[np.clip(rows, 0, last_row), np.clip(columns, 0, last_column)] = True
+    # Few lines are near a pixel border.
+    near = np.abs(positions - nearest) > 0.5 - 2 * _TOUCH_PX
+    few = positions[near[:, 0] | near[:, 1]]
     for shift_x in (-_TOUCH_PX, _TOUCH_PX):
         for shift_y in (-_TOUCH_PX, _TOUCH_PX):
-            columns = np.clip(np.rint(positions[:, 0] + shift_x).astype(np.int64), 0, last_column)
-            rows = np.clip(np.rint(positions[:, 1] + shift_y).astype(np.int64), 0, last_row)
+            columns = np.clip(np.rint(few[:, 0] + shift_x).astype(np.int64), 0, last_column)
+            rows = np.clip(np.rint(few[:, 1] + shift_y).astype(np.int64), 0, last_row)
             mixed[rows, columns] = True
 
 

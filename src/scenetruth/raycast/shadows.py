@@ -48,9 +48,12 @@ class ShadowCaster:
     def __init__(self, vertices_mm: NDArray[np.float64], topology: Topology) -> None:
         self.vertices_mm = np.ascontiguousarray(vertices_mm, dtype=np.float64)
         self.topology = topology
-        self._centre = (self.vertices_mm.min(axis=0) + self.vertices_mm.max(axis=0)) / 2
+        # Several times as fast along rows of their own.
+        rows = np.ascontiguousarray(self.vertices_mm.T)
+        lowest, highest = rows.min(axis=1), rows.max(axis=1)
+        self._centre = (lowest + highest) / 2
         # Rays are limited to the mesh diagonal, because longer rays are less precise.
-        self._longest = 1.01 * float(np.linalg.norm(self.vertices_mm.max(axis=0) - self.vertices_mm.min(axis=0)))
+        self._longest = 1.01 * float(np.linalg.norm(highest - lowest))
         self._in_light: dict[bytes, Any] = {}
         self._on_faces: dict[bytes, FaceShadows] = {}
         # The cameras of a time, which several threads render, have these in common.
@@ -116,7 +119,10 @@ class ShadowCaster:
         light, topology, apart = self._faces_in_light(to_light), self.topology, _APART * self._longest
         places = self.vertices_mm @ light.frame.T
         corners = places[topology.faces]
-        lowest, highest = corners.min(axis=1), corners.max(axis=1)
+        # Reductions along a short axis take several times as long.
+        one, two, three = (corners[:, corner] for corner in range(3))
+        lowest = np.minimum(np.minimum(one, two), three)
+        highest = np.maximum(np.maximum(one, two), three)
         contour = self._contour(corners)
         ends, edge_faces = places[topology.edges[contour]], topology.edge_faces[contour]
         under, spans = _found(
@@ -141,7 +147,8 @@ class ShadowCaster:
         joined[meeting] = True
         unsure = ~np.isfinite(light.numbers[:, STEEP])
         unsure[face] = True
-        centres, every = self.vertices_mm[topology.faces].mean(axis=1), np.arange(len(corners), dtype=np.int32)
+        one, two, three = (self.vertices_mm[topology.faces[:, corner]] for corner in range(3))
+        centres, every = (one + two + three) / 3, np.arange(len(corners), dtype=np.int32)
         state = self.blocked_parallel(centres, every, ~unsure, to_light, confirmed=False).astype(np.uint8)
         state[unsure] = UNSURE
         return FaceShadows(state, lines[:, 0], lines[:, 1], face, joined)

@@ -9,7 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.camera import Viewpoint
-from scenetruth.raycast import Changes, ImageRays, MixedPixels, RayCaster, SurfaceLines, TexturedMesh, find_mixed_pixels
+from scenetruth.raycast import (
+    Changes,
+    ImageRays,
+    MixedPixels,
+    RayCaster,
+    SurfaceLines,
+    TexturedMesh,
+    find_mixed_pixels,
+    places_in_pixels,
+)
 from scenetruth.render.footprint_averages import ImageCanvas
 from scenetruth.render.footprint_rules import (
     ALONE,
@@ -23,8 +32,8 @@ from scenetruth.render.footprint_rules import (
     gauss_tables,
 )
 from scenetruth.render.raycast_backend import RayView, RepeatingRayCaster, visible_uv
-from scenetruth.render.sampling_rules import FILTER_TAPS, WIDE_ORDERS, compute_widest_steps, lattice_rule
-from scenetruth.render.stepped_light import SteppedLightRenderer, errors_above, face_steps
+from scenetruth.render.sampling_rules import FILTER_TAPS, WIDE_ORDERS, compute_widest_steps, lattice_rule, step_indices
+from scenetruth.render.stepped_light import STEP_ERRORS, SteppedLightRenderer, errors_above, face_steps
 from scenetruth.scene.texture import SurfaceTexture, TintedTexture
 
 __all__ = ["AdaptiveRenderer"]
@@ -34,6 +43,8 @@ _PIXELS_PER_PIECE = 1 << 16
 _CUT_ERROR = 0.05  # RMS error of the area on one side of a line across a pixel that is cut along others
 _AREA_ERROR = 0.25  # the same by n x n Gauss points, times n^1.4, as `stepped_light` states it for n = 2 to 8
 _EDGES_CUT = 3  # edges between facets in a mixed pixel, on average
+_EVERY = 4  # rows and columns from one to the next of the pixels of which the error of an image is determined
+_FEW_LOWERED = 0.1  # fraction of the pixels up to which no coarser rules are chosen, because the choice takes longer
 _LEAST_ORDER = 2  # Gauss points per pixel along each axis in mixed pixels
 _FINE_ORDER = 16  # Gauss points per pixel along each axis across shadows in mixed pixels
 
@@ -97,6 +108,7 @@ class AdaptiveRenderer(SteppedLightRenderer):
         rules, steps = choose_rules(
             place.reshape(*shape, 2), body.reshape(shape), edges.mixed, self._texels, self._longest
         )
+        self._use_allowed_error(rules, steps, view, None if faces is None else faces.by_lamp)
         self._choose_for_bends(rules.ravel(), steps.ravel(), place, body)
         # Only these pixels are filtered.
         self._look_up(body, np.flatnonzero(rules == 0), place, albedo)
@@ -145,20 +157,75 @@ class AdaptiveRenderer(SteppedLightRenderer):
         # Bands mark further pixels.
         return replace(found, mixed=found.mixed.copy(), bare=found.bare.copy())
 
+    def _use_allowed_error(
+        self,
+        rules: NDArray[np.uint8],
+        steps: NDArray[np.float32],
+        view: RayView,
+        by_lamp: NDArray[np.float64] | None,
+    ) -> None:
+        """Change the rules for textures whose spectrum ends to coarser rules, up to the error of the whole image.
+
+        The rule of a pixel is seldom at its limit, so that the RMS error over the pixels of an image is far smaller.
+        Rules that are too coarse for the light on facets remain.
+
+        ``by_lamp``: See `ImageCanvas`.
+        """
+        limits = [np.where(self._smooth_textures[:, None], longest, -1.0) for longest in self._longer]
+
+        def find_lowered(
+            pixels: NDArray[np.int64], longest: NDArray[np.float64]
+        ) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+            """Return which of some pixels may have the next coarser rule, and this rule."""
+            lower = rules.ravel()[pixels] - 1
+            short = steps.ravel()[pixels] <= longest.ravel().take(view.body[pixels] * longest.shape[1] + lower)
+            pixels, lower = pixels[short], lower[short]
+            if by_lamp is not None:
+                light = self._light_errors(view, by_lamp)[view.rays.face[pixels]]
+                fine = light * STEP_ERRORS[lower] ** 2 <= self._image_error**2
+                pixels, lower = pixels[fine], lower[fine]
+            return pixels, lower
+
+        flat, width = rules.ravel(), rules.shape[1]
+        some = np.arange(0, rules.shape[0], _EVERY)[:, None] * width + np.arange(0, width, _EVERY)
+        some = some.ravel()
+        some = some[view.body[some] >= 0]
+        own = some[flat[some] <= FINE]
+        own = own[np.isfinite(steps.ravel()[own]) & self._smooth_textures[view.body[own]]]
+        fine = own[flat[own] > 1]
+        if len(find_lowered(fine, limits[0])[0]) <= _FEW_LOWERED * len(fine):
+            return
+        index, squares = step_indices(steps.ravel()[own]), self._rule_errors**2
+        rule = flat[own]
+        for longest in limits:
+            lowered, lower = find_lowered(fine, longest)
+            chosen = np.minimum(rule, FINE - 1)
+            chosen[np.searchsorted(own, lowered)] = lower
+            found = squares[view.body[own], chosen, index]
+            found[(rule == FINE) & (chosen == FINE - 1)] = self._image_error**2
+            # The light on facets has errors of its own.
+            if found.sum() <= self._image_error**2 / 2 * len(some):
+                lowered, lower = find_lowered(np.flatnonzero((flat > 1) & (flat <= FINE)), longest)
+                flat[lowered] = lower
+                return
+
     def _choose_for_bends(
         self, rules: NDArray[np.uint8], steps: NDArray[np.float32], place: NDArray[np.float64], body: NDArray[np.int32]
     ) -> None:
         """Change the rules for textures without an end of their spectrum, by the bends of the texture in each pixel."""
         from scenetruth.render.pixel_filter_kernels import NO_RULE, texture_ranges
 
-        fine, alone = rules == FINE, (rules == FINE - 1) & np.isinf(steps)
-        np.putmask(rules, fine, FINE + 1)
+        fine = np.flatnonzero(rules == FINE)
+        alone = np.flatnonzero(rules == FINE - 1)
+        alone = alone[np.isinf(steps[alone])]
+        rules[fine] = FINE + 1
+        fine = fine[steps[fine] < np.inf]
         for index, item in enumerate(self._world.bodies):
             tinted = item.texture if isinstance(item.texture, TintedTexture) else TintedTexture(item.texture, 1.0)
             factor = max(tinted.factor, 1.0)
             if item.texture.cubic:
-                rules[alone & (body == index)] = ALONE
-                every = np.flatnonzero((body == index) & fine & (steps < np.inf))
+                rules[alone[body[alone] == index]] = ALONE
+                every = fine[body[fine] == index]
                 if len(every):
                     self._choose_wide(rules, steps, every, tinted.untinted, factor, float(self._longest[index, -1]))
                 continue
@@ -314,13 +381,10 @@ class AdaptiveRenderer(SteppedLightRenderer):
         rest, second = np.divmod(keys, vertices)
         owner, one = np.divmod(rest, vertices)
         own = pixels[owner]
-        steps = (view.rays.across, view.rays.down)
-        across, down = (item[own] if len(item) > 1 else np.broadcast_to(item, (len(own), 3)) for item in steps)
-        basis = np.linalg.inv(np.stack([view.rays.directions[own], across, down], axis=-1))
-        ends = view.mesh.vertices[np.stack([one, second], axis=1)] - origin
-        places = np.einsum("kij,kcj->kci", basis, ends)
-        front = (places[..., 0] > 0).all(axis=1)
-        return owner[front], (places[front, :, 1:] / places[front, :, :1]).reshape(-1, 4)
+        rays, ends = view.rays, view.mesh.vertices[np.stack([one, second], axis=1)] - origin
+        multiple, places = places_in_pixels(rays.directions, (rays.across, rays.down), rays.width, own, ends)
+        front = (multiple > 0).all(axis=1)
+        return owner[front], places[front].reshape(-1, 4)
 
     def _intersections(self, view: RayView, pixels: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return the lines along which two bodies intersect, with the pixel and the ends of each as in `MixedPixels`.

@@ -13,7 +13,13 @@ from scenetruth.camera import Camera
 from scenetruth.raycast import RayCaster, Topology
 from scenetruth.render.footprint_rules import all_rules, raster_of, rule_table
 from scenetruth.render.raycast_backend import RaycastRenderer, RayView, SharedSurfaces
-from scenetruth.render.sampling_rules import Rule, compute_longest_steps, gauss_rule, square_rule
+from scenetruth.render.sampling_rules import (
+    Rule,
+    compute_longest_steps,
+    compute_rule_errors,
+    gauss_rule,
+    square_rule,
+)
 from scenetruth.render.shading import PixelLight
 from scenetruth.scene.built_scene import BuiltScene, SceneBody
 from scenetruth.scene.lighting import Lighting
@@ -30,6 +36,7 @@ _PIXELS_PER_LARGE_FACE = 100  # pixels per face of a body from which most of the
 _PIXELS_PER_PIECE = 1 << 16
 SAMPLES_PER_PIECE = 1 << 19
 """Maximum number of samples that are computed together."""
+_FACTORS = (3.0, 2.5, 2.0, 1.6, 1.3)  # errors of single pixels that are tried, relative to the RMS error of an image
 _SAME_DIRECTION = 1 - 1e-12  # cosine above which flat faces are lit equally
 EXACT = 3
 """Rule whose cost is that of exact means of bilinear textures."""
@@ -97,7 +104,12 @@ class FootprintRenderer(RaycastRenderer):
     ) -> None:
         super().__init__(world, camera, background, _ORDER, lighting, topology, surfaces=surfaces)
         self._image_error = image_error
-        self._longest = compute_longest_steps([body.texture for body in world.bodies], image_error)
+        textures = [body.texture for body in world.bodies]
+        self._longest = compute_longest_steps(textures, image_error)
+        self._longer = [compute_longest_steps(textures, factor * image_error) for factor in _FACTORS]
+        self._rule_errors = compute_rule_errors(textures)
+        # Textures whose spectrum ends.
+        self._smooth_textures = np.array([texture.cubic for texture in textures])
         shapes = np.array([body.texture.shape for body in world.bodies], dtype=np.float64)
         self._texels = np.ascontiguousarray(shapes[:, ::-1])
         self._levels = np.array([_level(body.texture) for body in world.bodies])
@@ -169,17 +181,20 @@ class FootprintRenderer(RaycastRenderer):
         # The rule at pixel centres is for pixels that can be filtered; the first Gauss rule replaces it.
         chosen, body = np.maximum(rules.ravel()[pixels], 1), view.body[pixels]
         canvas.lit[pixels] = False
+        count = len(self._world.bodies)
+        by_body = np.argsort(body.astype(np.uint8) if count < 256 else body, kind="stable")
+        bounds = np.searchsorted(body[by_body], np.arange(count + 1))
         for index, item in enumerate(self._world.bodies):
-            own = body == index
-            if not own.any():
+            if bounds[index] == bounds[index + 1]:
                 continue
+            own = by_body[bounds[index] : bounds[index + 1]]
             raster = raster_of(item.texture)
             faceted = self._shader is not None and not (item.mesh.smooth or canvas.bare)
             if raster is not None and not (faceted and canvas.by_lamp is None):
                 self._average_body(raster, item, view, canvas, pixels[own], chosen[own], faceted=faceted)
                 continue
             for number, rule in enumerate(all_rules(), start=1):
-                some = pixels[own & (chosen == number)]
+                some = pixels[own[chosen[own] == number]]
                 if len(some):
                     self._average_by(rule, view, canvas, some, index)
         some = pixels[~canvas.lit[pixels]]

@@ -129,50 +129,70 @@ def average_footprints(
     """
     count = footprints.pixels.shape[0]
     arrived, means = np.zeros(count, dtype=np.bool_), np.zeros(count, dtype=np.float32)
-    in_bands(_average_footprints, count, mesh, rays, footprints, raster, light, arrived, means, least=_LEAST)
+    regular = _are_regular(rays)
+    in_bands(_average_footprints, count, mesh, rays, regular, footprints, raster, light, arrived, means, least=_LEAST)
     return arrived, means
 
 
-_U, _V = 3, 4  # rows of `_write_lines` after those of the three edge functions: numerators of u and v
-_CENTRE, _RIGHT, _DOWN = range(3)  # columns: coefficients of 1 and of the offsets to the right and down
-# Edge functions as linear functions of the offsets have more roundings than those of a ray.
+# Entries of a face in the table: three edge functions, and the numerators of u and v, each with the coefficients of 1
+# and of the position to the right and down; the bound of the rounding errors of the edge functions; the side.
+_EDGES, _U, _V, _BLUR, _SIDE, _ENTRIES = 0, 9, 12, 15, 16, 17
+_KNOWN = 1 << 13  # number of faces in the table: those of a few rows of pixels
+# Edge functions as linear functions of the position have more roundings than those of a ray.
 _ROUNDINGS = 4.0
+_GRID = 1e-12  # deviation of directions from a grid, relative to their length
 
 
 @inlined
 def _write_lines(
-    form: NDArray[np.float64], side: float, rays: ImageRays, pixel: int, uv: NDArray[np.float64], face: int,
-    lines: NDArray[np.float64],
-) -> Any:  # fmt: skip
-    """Write edge functions and texture coordinates of a face as linear functions of the offsets in a pixel.
+    form: NDArray[np.float64], rays: ImageRays, base: int, reach: tuple[float, float], uv: NDArray[np.float64],
+    face: int, table: NDArray[np.float64], row: int,
+) -> None:  # fmt: skip
+    """Write edge functions and texture coordinates of a face as linear functions of the position in the image.
 
-    The sum of the edge functions is the denominator of the texture coordinates. ``side``: Sign of the edge functions
-    inside the face. Returns: Bound of the rounding errors of the edge functions in the pixel.
+    The sum of the edge functions is the denominator of the texture coordinates; inside the face they are positive.
+
+    ``base``: Pixel in which positions begin. ``reach``: Largest position to the right and down.
     """
     apart = 1 if rays.across.shape[0] > 1 else 0
+    side = 1.0 if form[DISTANCE] > 0.0 else -1.0
     reach_x = reach_y = reach_z = 0.0
     for column in range(3):
-        if column == _CENTRE:
-            x, y, z = rays.directions[pixel, 0], rays.directions[pixel, 1], rays.directions[pixel, 2]
-        elif column == _RIGHT:
-            x, y, z = rays.across[pixel * apart, 0], rays.across[pixel * apart, 1], rays.across[pixel * apart, 2]
+        if column == 0:
+            x, y, z, far = rays.directions[base, 0], rays.directions[base, 1], rays.directions[base, 2], 1.0
+        elif column == 1:
+            x, y, z = rays.across[base * apart, 0], rays.across[base * apart, 1], rays.across[base * apart, 2]
+            far = reach[0]
         else:
-            x, y, z = rays.down[pixel * apart, 0], rays.down[pixel * apart, 1], rays.down[pixel * apart, 2]
-        reach_x, reach_y, reach_z = reach_x + abs(x), reach_y + abs(y), reach_z + abs(z)
+            x, y, z = rays.down[base * apart, 0], rays.down[base * apart, 1], rays.down[base * apart, 2]
+            far = reach[1]
+        reach_x, reach_y, reach_z = reach_x + far * abs(x), reach_y + far * abs(y), reach_z + far * abs(z)
         w0, w1, w2 = edge_functions(form, x, y, z)
         w0, w1, w2 = side * w0, side * w1, side * w2
         total = w0 + w1 + w2
-        lines[0, column], lines[1, column], lines[2, column] = w0, w1, w2
-        for k in range(2):
-            first = uv[face, 0, k]
-            lines[_U + k, column] = first * total + w1 * (uv[face, 1, k] - first) + w2 * (uv[face, 2, k] - first)
-    return _ROUNDINGS * rounding(form, reach_x, reach_y, reach_z)
+        table[row, column], table[row, 3 + column], table[row, 6 + column] = w0, w1, w2
+        u0, v0 = uv[face, 0, 0], uv[face, 0, 1]
+        table[row, _U + column] = u0 * total + w1 * (uv[face, 1, 0] - u0) + w2 * (uv[face, 2, 0] - u0)
+        table[row, _V + column] = v0 * total + w1 * (uv[face, 1, 1] - v0) + w2 * (uv[face, 2, 1] - v0)
+    table[row, _BLUR] = _ROUNDINGS * rounding(form, reach_x, reach_y, reach_z)
+    # A face that is seen edge-on has no side.
+    table[row, _SIDE] = side if form[DISTANCE] != 0.0 else 0.0
 
 
 @inlined
-def _at(lines: NDArray[np.float64], row: int, right: float, below: float) -> Any:
-    """Return a linear function of the offsets in a pixel."""
-    return lines[row, _CENTRE] + (right * lines[row, _RIGHT] + below * lines[row, _DOWN])
+def _at(table: NDArray[np.float64], row: int, first: int, right: float, below: float) -> Any:
+    """Return a linear function at a position."""
+    return table[row, first] + (right * table[row, first + 1] + below * table[row, first + 2])
+
+
+def _are_regular(rays: ImageRays) -> bool:
+    """Return whether the directions are linear in the position in the image."""
+    if len(rays.across) > 1 or len(rays.down) > 1:
+        return False
+    ends = rays.directions[[0, rays.width - 1, -rays.width, -1]]
+    right, below = rays.across[0] * (rays.width - 1), rays.down[0] * (len(rays.directions) // rays.width - 1)
+    apart = ends - ends[0] - np.stack([np.zeros(3), right, below, right + below])
+    return bool(np.abs(apart).max() <= _GRID * np.abs(ends).max())
 
 
 @inlined
@@ -220,17 +240,21 @@ def _alone(mesh: TexturedMesh, rays: ImageRays, pixel: int, face: int) -> Any:
 
 @kernel(error_model="numpy")
 def _average_footprints(
-    low: int, high: int, mesh: TexturedMesh, rays: ImageRays, footprints: Footprints, raster: Raster, light: LampLight,
-    arrived: NDArray[np.bool_], means: NDArray[np.float32],
+    low: int, high: int, mesh: TexturedMesh, rays: ImageRays, regular: bool, footprints: Footprints, raster: Raster,
+    light: LampLight, arrived: NDArray[np.bool_], means: NDArray[np.float32],
 ) -> None:  # fmt: skip
     vertices, faces, neighbours, face_body, uv = mesh.vertices, mesh.faces, mesh.neighbours, mesh.face_body, mesh.uv
-    origin, offsets, meeting = rays.origin, footprints.offsets, footprints.meeting
+    origin, offsets, meeting, width = rays.origin, footprints.offsets, footprints.meeting, rays.width
     values, flat, cubic, tiled = raster.values, raster.values.ravel(), raster.cubic, raster.tiled
     texel_rows, texel_columns = values.shape
     gain, level = raster.gain / (36.0 if cubic else 1.0), raster.mean
     pixels, firsts, counts = footprints.pixels, footprints.firsts, footprints.counts
     lit, known = light.by_lamp.shape[0] > 0, meeting.shape[0] > 0
-    form, lines = np.empty(FORMS, dtype=np.float64), np.empty((5, 3), dtype=np.float64)
+    form = np.empty(FORMS, dtype=np.float64)
+    # Faces with entries in the table, in rows by the last digits of their numbers.
+    table, faces_in = np.empty((_KNOWN, _ENTRIES), dtype=np.float64), np.full(_KNOWN, -1, dtype=np.int64)
+    last = _KNOWN - 1
+    reach = (np.float64(width), np.float64(rays.face.shape[0] // width)) if regular else (1.0, 1.0)
     most = 1
     for n in range(low, high):
         most = max(most, counts[n])
@@ -243,34 +267,41 @@ def _average_footprints(
         alone = _alone(mesh, rays, pixel, face)
         if not (alone or known):
             continue
-        write_forms(vertices, faces, face, origin, form)
-        side = 1.0 if form[DISTANCE] > 0.0 else -1.0
-        blur = _write_lines(form, side, rays, pixel, uv, face, lines)
+        base, left, top = pixel, 0.0, 0.0
+        if regular:
+            base, left, top = 0, np.float64(pixel % width), np.float64(pixel // width)
+        row = np.uint64(face & last)
+        if not regular or faces_in[row] != face:
+            write_forms(vertices, faces, face, origin, form)
+            _write_lines(form, rays, base, reach, uv, face, table, row)
+            faces_in[row] = face
+        side = table[row, _SIDE]
         factor = _light_on(light, face, n) if lit else 1.0
         first, count = np.uint64(firsts[n]), np.uint64(counts[n])
         whole = alone or not meeting[face]
-        for edge in range(3):
-            reach = 0.5 * (abs(lines[edge, _RIGHT]) + abs(lines[edge, _DOWN]))
-            whole = whole and lines[edge, _CENTRE] - reach > blur
+        for edge in range(_EDGES, _U, 3):
+            apart = 0.5 * (abs(table[row, edge + 1]) + abs(table[row, edge + 2]))
+            whole = whole and _at(table, row, edge, left, top) - apart > table[row, _BLUR]
         if whole:
-            d0 = lines[0, _CENTRE] + lines[1, _CENTRE] + lines[2, _CENTRE]
-            d1 = lines[0, _RIGHT] + lines[1, _RIGHT] + lines[2, _RIGHT]
-            d2 = lines[0, _DOWN] + lines[1, _DOWN] + lines[2, _DOWN]
+            d0 = table[row, 0] + table[row, 3] + table[row, 6]
+            d1 = table[row, 1] + table[row, 4] + table[row, 7]
+            d2 = table[row, 2] + table[row, 5] + table[row, 8]
             for sample in range(count):
-                right, below = offsets[first + sample, 0], offsets[first + sample, 1]
+                right, below = left + offsets[first + sample, 0], top + offsets[first + sample, 1]
                 inverse = 1.0 / (d0 + (right * d1 + below * d2))
-                us[sample] = _at(lines, _U, right, below) * inverse
-                vs[sample] = _at(lines, _V, right, below) * inverse
+                us[sample] = _at(table, row, _U, right, below) * inverse
+                vs[sample] = _at(table, row, _V, right, below) * inverse
                 shares[sample] = factor * footprints.weights[first + sample]
             arrived[n] = True
         else:
             # Start of the line to the next sample.
             from_right = from_below = 0.0
             for sample in range(count):
-                right, below = offsets[first + sample, 0], offsets[first + sample, 1]
+                right, below = left + offsets[first + sample, 0], top + offsets[first + sample, 1]
                 found = False
                 for _step in range(MOST_STEPS):
-                    w0, w1, w2 = _at(lines, 0, right, below), _at(lines, 1, right, below), _at(lines, 2, right, below)
+                    w0, w1 = _at(table, row, 0, right, below), _at(table, row, 3, right, below)
+                    w2 = _at(table, row, 6, right, below)
                     ways, edge, corner = ways_out(w0, w1, w2)
                     if ways == 0:
                         found = True
@@ -279,25 +310,28 @@ def _average_footprints(
                         break
                     if ways == 2:
                         # As in `walk_footprints`, by the side on which the line passes the corner.
-                        place = (right, below, from_right, from_below)
-                        left = _passes_left(rays, pixel, place, vertices[faces[face, corner]])
-                        edge = (corner + 2) % 3 if side * left > 0.0 else corner
+                        place = (offsets[first + sample, 0], offsets[first + sample, 1], from_right, from_below)
+                        to_left = _passes_left(rays, pixel, place, vertices[faces[face, corner]])
+                        edge = (corner + 2) % 3 if side * to_left > 0.0 else corner
                     face = neighbours[face, edge]
                     if face < 0 or face_body[face] != body:
                         break
-                    write_forms(vertices, faces, face, origin, form)
-                    if not side * form[DISTANCE] > 0.0:
+                    row = np.uint64(face & last)
+                    if not regular or faces_in[row] != face:
+                        write_forms(vertices, faces, face, origin, form)
+                        _write_lines(form, rays, base, reach, uv, face, table, row)
+                        faces_in[row] = face
+                    if table[row, _SIDE] != side:
                         break
-                    blur = _write_lines(form, side, rays, pixel, uv, face, lines)
                     if lit:
                         factor = _light_on(light, face, n)
-                if not found or min(w0, w1, w2) <= blur or not (alone or not meeting[face]):
+                if not found or min(w0, w1, w2) <= table[row, _BLUR] or not (alone or not meeting[face]):
                     break
-                total = w0 + w1 + w2
-                us[sample] = _at(lines, _U, right, below) / total
-                vs[sample] = _at(lines, _V, right, below) / total
+                inverse = 1.0 / (w0 + w1 + w2)
+                us[sample] = _at(table, row, _U, right, below) * inverse
+                vs[sample] = _at(table, row, _V, right, below) * inverse
                 shares[sample] = factor * footprints.weights[first + sample]
-                from_right, from_below = right, below
+                from_right, from_below = offsets[first + sample, 0], offsets[first + sample, 1]
                 arrived[n] = sample == count - np.uint64(1)
             if not arrived[n]:
                 continue

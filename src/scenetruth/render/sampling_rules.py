@@ -7,7 +7,7 @@ import math
 from collections import OrderedDict
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -22,6 +22,7 @@ __all__ = [
     "WIDE_ORDERS",
     "Rule",
     "compute_longest_steps",
+    "compute_rule_errors",
     "compute_widest_steps",
     "even_rule",
     "filter_transfer",
@@ -29,6 +30,7 @@ __all__ = [
     "gauss_transfer",
     "lattice_rule",
     "square_rule",
+    "step_indices",
 ]
 
 Rule = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -127,6 +129,7 @@ def gauss_transfer(count: int, frequency: Floats) -> Floats:
 
 _LINES, _POINTS, _PER_TEXEL = 24, 512, 2
 _STEPS = 2.0 ** np.arange(-6, 6.01, 0.0625)  # steps tried, in texels per pixel
+_ROUNDED = 1e-6  # rounding of the index of a step
 # Lines of the texture whose mean square is compared with the error: the roughest of this fraction.
 _ROUGHEST = 1
 
@@ -141,15 +144,21 @@ def _squared_errors() -> Floats:
     return np.stack([(transfer.reshape(waves.shape) - exact) ** 2 for transfer in flat])
 
 
-_Steps = dict[float, Floats]  # steps of a texture by error
+class _Steps(NamedTuple):
+    """Results for a texture: errors of the rules, see `compute_rule_errors`; and steps of `compute_widest_steps`."""
+
+    errors: list[Floats]
+    widest: dict[float, Floats]
+
+
 _THIN = 4999  # one texel of as many distinguishes textures
 _MOST_KNOWN = 256  # textures whose steps are kept after the last use
-_by_content: OrderedDict[tuple[Any, ...], tuple[_Steps, _Steps]] = OrderedDict()
-_by_texture: WeakKeyDictionary[SurfaceTexture, tuple[_Steps, _Steps]] = WeakKeyDictionary()
+_by_content: OrderedDict[tuple[Any, ...], _Steps] = OrderedDict()
+_by_texture: WeakKeyDictionary[SurfaceTexture, _Steps] = WeakKeyDictionary()
 
 
-def _steps_of(texture: SurfaceTexture) -> tuple[_Steps, _Steps]:
-    """Return the steps determined so far, of `compute_longest_steps` and of `compute_widest_steps`.
+def _steps_of(texture: SurfaceTexture) -> _Steps:
+    """Return the results determined so far.
 
     Textures of the same scene, which is often built again, have them in common: those with the same size, parameters
     and thousands of equal texels, on which no step depends.
@@ -157,7 +166,7 @@ def _steps_of(texture: SurfaceTexture) -> tuple[_Steps, _Steps]:
     known = _by_texture.get(texture)
     if known is None:
         values = getattr(texture, "coefficients", None)
-        known = {}, {}
+        known = _Steps([], {})
         if values is not None and values.size > _THIN:
             thinned = hashlib.sha256(values.ravel()[::_THIN].tobytes()).digest()
             rest = [(name, value) for name, value in vars(texture).items() if not isinstance(value, np.ndarray)]
@@ -171,33 +180,51 @@ def _steps_of(texture: SurfaceTexture) -> tuple[_Steps, _Steps]:
 def compute_longest_steps(textures: Sequence[SurfaceTexture], error: float) -> Floats:
     """Return the longest steps of textures per pixel, in texels, for which a rule is within an RMS error.
 
-    The power spectrum of the texture along lines in four directions, with all waves between its texels, gives the error
-    of every rule as a function of the step from pixel to pixel. Textures with steps, whose spectrum does not end, get
-    short steps, and a uniform texture infinite steps.
+    Textures with steps, whose spectrum does not end, get short steps, and a uniform texture infinite steps.
 
     ``error``: RMS error of the radiance.
     Returns: Steps of the filter at pixel centres (`FILTER_TAPS`) and of each of `GAUSS_ORDERS`, ascending from the
     second on, shape (textures, rules).
     """
+    beyond = compute_rule_errors(textures) > error
+    first = beyond.argmax(axis=-1)
+    return np.where(beyond.any(axis=-1), np.where(first > 0, _STEPS[first - 1], 0.0), np.inf)
+
+
+def compute_rule_errors(textures: Sequence[SurfaceTexture]) -> Floats:
+    """Return the RMS errors of the radiance by the filter at pixel centres and by each of `GAUSS_ORDERS`.
+
+    The power spectrum of the texture along lines in four directions, with all waves between its texels, gives the error
+    of every rule as a function of the step from pixel to pixel.
+
+    Returns: Errors at the steps of `step_indices`, not descending along them, shape (textures, rules, steps). From the
+    second on, rules are not worse than those before.
+    """
     # The same rules for all bands, unless they would be too coarse for a band that is brighter than the texture.
-    wanted = [
-        (item.untinted, error / max(item.factor, 1.0)) if isinstance(item, TintedTexture) else (item, error)
-        for item in textures
-    ]
-    missing = [(item, bound) for item, bound in wanted if bound not in _steps_of(item)[0]]
+    tinted = [item if isinstance(item, TintedTexture) else TintedTexture(item, 1.0) for item in textures]
+    wanted = [(item.untinted, max(item.factor, 1.0)) for item in tinted]
+    missing = [item for item, _ in wanted if not _steps_of(item).errors]
     if missing:
         _remember(missing)
-    return np.stack([_steps_of(item)[0][bound] for item, bound in wanted])
+    return np.stack([factor * _steps_of(item).errors[0] for item, factor in wanted])
+
+
+def step_indices(steps: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
+    """Return the index of the smallest of the steps of `compute_rule_errors` that is at least as long, or the last."""
+    with np.errstate(divide="ignore"):
+        number = np.ceil(np.log2(steps / _STEPS[0]) / np.log2(_STEPS[1] / _STEPS[0]) - _ROUNDED)
+    return np.asarray(np.clip(number, 0, len(_STEPS) - 1).astype(np.int64))
 
 
 @with_one_blas_thread
-def _remember(missing: Sequence[tuple[SurfaceTexture, float]]) -> None:
-    """Find the longest steps of textures for errors; together, because the limit of threads takes some ms."""
-    for item, error in missing:
-        _steps_of(item)[0][error] = _longest_steps(item, error)
+def _remember(missing: Sequence[SurfaceTexture]) -> None:
+    """Find the errors of textures; together, because the limit of threads takes some ms."""
+    for item in missing:
+        if not _steps_of(item).errors:
+            _steps_of(item).errors.append(_rule_errors(item))
 
 
-def _longest_steps(texture: SurfaceTexture, error: float) -> Floats:
+def _rule_errors(texture: SurfaceTexture) -> Floats:
     rows, columns = texture.shape
     size = np.array([columns, rows], dtype=np.float64)
     along = (np.arange(_POINTS) - _POINTS / 2) / _PER_TEXEL
@@ -218,15 +245,13 @@ def _longest_steps(texture: SurfaceTexture, error: float) -> Floats:
         # Both signs of every frequency; Parseval's theorem gives the mean square under the window.
         powers.append(2 * spectrum / (_POINTS * np.sum(window**2)))
     power = np.stack(powers)
-    longest = []
+    errors = []
     for squared in _squared_errors():
         lines = np.sort(power @ squared, axis=1)[:, -_LINES // _ROUGHEST :]
-        worst = lines.mean(axis=1).max(axis=0)
         # The two axes of a pixel share the error.
-        beyond = np.flatnonzero(worst > error**2 / 2)
-        longest.append(np.inf if not len(beyond) else 0.0 if beyond[0] == 0 else float(_STEPS[beyond[0] - 1]))
-    longest[1:] = np.maximum.accumulate(longest[1:]).tolist()
-    return np.array(longest)
+        errors.append(np.sqrt(2 * np.maximum.accumulate(lines.mean(axis=1).max(axis=0))))
+    errors[1:] = np.minimum.accumulate(errors[1:])
+    return np.stack(errors)
 
 
 _FOOTPRINTS = 24  # footprints on which rules are compared, of each shape
@@ -244,7 +269,7 @@ def compute_widest_steps(texture: SurfaceTexture, error: float, least: float) ->
 
     ``least``: Step from which these rules are wanted.
     """
-    known = _steps_of(texture)[1]
+    known = _steps_of(texture).widest
     if error not in known:
         known[error] = _widest_steps(texture, error / _SAFETY, least)
     return known[error]

@@ -318,19 +318,19 @@ class Shader:
         """
         from scenetruth.render.shading_kernels import shadow_steps
 
-        face = hits.face.reshape(mixed.shape)
-        begins = np.ones(mixed.shape, dtype=np.bool_)
-        begins[:, 1:] = (face[:, 1:] != face[:, :-1]) | mixed[:, 1:] | mixed[:, :-1]
-        unsure = face_light.unsure[hits.face] & (hits.face >= 0)
-        first = np.flatnonzero(begins.ravel() & unsure)
-        blocked = np.zeros(len(hits.face), dtype=np.uint64)
+        face, edges, nothing = hits.face, mixed.ravel(), hits.face < 0
+        where = np.flatnonzero(face_light.unsure[face] & ~nothing)
+        before = np.maximum(where - 1, 0)
+        begins = (where % mixed.shape[1] == 0) | (face[before] != face[where]) | edges[before] | edges[where]
+        first = where[begins]
+        blocked = np.zeros(len(face), dtype=np.uint64)
         points = origin_mm + directions[first] * hits.depth[first, None]
-        found = self._blocked(caster, t, points, hits.face[first], face_light)
-        where = np.flatnonzero(unsure)
-        blocked[where] = found[np.searchsorted(first, where, side="right") - 1]
-        shade = face_light.total[hits.face]
-        shade[hits.face < 0] = 1.0
-        shade[where] = face_light.without(hits.face[where], blocked[where])
+        found = self._blocked(caster, t, points, face[first], face_light)
+        blocked[where] = found[np.cumsum(begins) - 1]
+        shade = face_light.total[face]
+        np.putmask(shade, nothing, 1.0)
+        shade[where] = face_light.without(face[where], blocked[where])
+        face = face.reshape(mixed.shape)
         dark, steps = shadow_steps(
             face, body.reshape(mixed.shape), mixed, face_light.bits, blocked.reshape(mixed.shape)
         )
@@ -403,7 +403,7 @@ class Shader:
                 body = self._world.face_body[face]
                 lines.append(SurfaceLines(shadows.starts_mm[kept], shadows.ends_mm[kept], face, body, label))
             for row, kind in enumerate((LIT, BLOCKED, UNSURE)):
-                bits[row, (state == kind) & (light > 0)] |= np.uint64(1) << np.uint64(number)
+                bits[row] |= ((state == kind) & (light > 0)).astype(np.uint64) << np.uint64(number)
             light[state == BLOCKED] = 0.0
             total += light
             light[state == UNSURE] *= -1.0

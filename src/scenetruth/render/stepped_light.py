@@ -14,9 +14,9 @@ from scenetruth.render.footprint_rules import FINE, raster_of
 from scenetruth.render.raycast_backend import RayView
 from scenetruth.render.shading import Arrived
 
-__all__ = ["SteppedLightRenderer", "errors_above", "face_steps"]
+__all__ = ["STEP_ERRORS", "SteppedLightRenderer", "errors_above", "face_steps"]
 
-_STEP_ERRORS = np.array([np.nan, 0.090, 0.053, 0.037, 0.021, 0.014])
+STEP_ERRORS = np.array([np.nan, 0.090, 0.053, 0.037, 0.021, 0.014])
 """RMS error of the area on one side of a line across a pixel, at random places and angles, by each of `all_rules`."""
 _LARGEST = 5  # error of a pixel relative to the RMS error of an image
 _FINEST = 5  # the last Gauss rule
@@ -34,10 +34,12 @@ def errors_above(squares: NDArray[np.float64], error: float, count: int) -> NDAr
     limit = (_LARGEST * error) ** 2
     if squares.sum() <= count * error**2 and squares.max(initial=0.0) <= limit:
         return np.zeros(len(squares), dtype=np.bool_)
-    ascending = np.sort(squares)
-    kept = int(np.searchsorted(np.cumsum(ascending), count * error**2, side="right"))
-    if kept < len(squares):
-        limit = min(limit, float(ascending[kept - 1]) if kept else -1.0)
+    # Those below the mean of all that are allowed are kept in any case, and need not be sorted.
+    small = squares <= count * error**2 / len(squares)
+    ascending = np.sort(squares[~small])
+    kept = int(np.searchsorted(np.cumsum(ascending), count * error**2 - squares[small].sum(), side="right"))
+    if kept < len(ascending):
+        limit = min(limit, float(ascending[kept - 1]) if kept else float(squares[small].max(initial=-1.0)))
     return np.asarray(squares > limit)
 
 
@@ -47,9 +49,14 @@ def face_steps(light: NDArray[np.float64], neighbours: NDArray[np.int32]) -> NDA
     ``light``: Of each face by each lamp, NaN where it has no steps to neighbours, shape (m, lamps).
     ``neighbours``: Of each face, -1 for none, shape (m, 3).
     """
-    squares = np.nansum(light[neighbours] - light[:, None], axis=2) ** 2
-    squares = np.where(neighbours < 0, 0.0, squares).mean(axis=1)
-    return np.asarray((squares + np.where(neighbours < 0, squares[:, None], squares[neighbours]).mean(axis=1)) / 2)
+    squares = np.zeros(len(light))
+    # Side by side, because reductions along a short axis take several times as long.
+    for others in neighbours.T:
+        steps = light[others] - light
+        steps[np.isnan(steps)] = 0.0
+        squares += np.where(others < 0, 0.0, (steps[:, 0] if light.shape[1] == 1 else steps.sum(axis=1)) ** 2) / 3
+    around = sum(np.where(others < 0, squares, squares[others]) for others in neighbours.T)
+    return np.asarray((squares + around / 3) / 2)
 
 
 def _grown(pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -68,6 +75,7 @@ class SteppedLightRenderer(FootprintRenderer):
     """Renderer that resolves steps of the light in pixels on one surface."""
 
     _steps: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
+    _squares: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
 
     def _average(
         self,
@@ -118,31 +126,33 @@ class SteppedLightRenderer(FootprintRenderer):
         self, view: RayView, canvas: ImageCanvas, pixels: NDArray[np.int64], rules: NDArray[np.uint8]
     ) -> NDArray[np.bool_]:
         """Return the pixels whose facets may be lit so differently that the rules of their textures are too coarse."""
-        face, rule = view.rays.face[pixels], np.maximum(rules.ravel()[pixels], 1)
+        face, rule, body = view.rays.face[pixels], np.maximum(rules.ravel()[pixels], 1), view.body[pixels]
         # Textures with steps have many samples, or are exact together with facets.
-        coarse = rule < FINE
-        for index, item in enumerate(self._world.bodies):
-            if item.texture.cubic:
-                coarse |= view.body[pixels] == index
+        coarse = (rule < FINE) | self._smooth_textures[body]
         if canvas.by_lamp is None:
             if canvas.light is not None:
                 # These would have few samples in spite of their texture.
                 coarse |= canvas.light.uneven.ravel()[pixels]
             bent = self._kinked(view.caster)
             neighbours = view.mesh.neighbours
-            return coarse & (bent | ((neighbours >= 0) & bent[neighbours]).any(axis=1))[face]
-        errors = self._lamp_steps(view, canvas.by_lamp)[face] * _STEP_ERRORS[np.minimum(rule, _FINEST)] ** 2
-        body, surface = view.body[pixels], 0
-        for index, item in enumerate(self._world.bodies):
-            own = body == index
+            return np.asarray(coarse & (bent | ((neighbours >= 0) & bent[neighbours]).any(axis=1))[face])
+        errors = self._light_errors(view, canvas.by_lamp)[face] * STEP_ERRORS[np.minimum(rule, _FINEST)] ** 2
+        exact = [not item.texture.cubic and raster_of(item.texture) is not None for item in self._world.bodies]
+        if any(exact):
             # Together with facets, these textures are exact.
-            if not item.texture.cubic and raster_of(item.texture) is not None:
-                coarse &= ~own | (rule < EXACT)
-            shown = int(np.count_nonzero(view.body == index))
+            coarse &= ~np.array(exact)[body] | (rule < EXACT)
+        return errors_above(np.where(coarse, errors, 0.0), self._image_error, int(np.count_nonzero(view.body >= 0)))
+
+    def _light_errors(self, view: RayView, by_lamp: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the squared steps of the radiance between the facets in a pixel, see `_lamp_steps`, shape (m,)."""
+        # Once for an image.
+        if self._squares is None or self._squares[0] is not by_lamp:
+            shown = np.bincount(view.body + 1, minlength=len(self._world.bodies) + 1)[1:]
             # Edges in a pixel, on average, of triangles of equal size.
-            errors[own] *= 3 * np.sqrt(len(item.mesh.faces) / max(shown, 1))
-            surface += shown
-        return errors_above(np.where(coarse, errors, 0.0), self._image_error, surface)
+            count = np.array([len(item.mesh.faces) for item in self._world.bodies])
+            edges = 3 * np.sqrt(count / np.maximum(shown, 1))
+            self._squares = (by_lamp, self._lamp_steps(view, by_lamp) * edges[self._world.face_body])
+        return self._squares[1]
 
     def _lamp_steps(self, view: RayView, by_lamp: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the steps of the radiance between facets, see `face_steps`; shadows begin along other lines."""

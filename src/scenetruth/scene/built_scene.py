@@ -121,7 +121,8 @@ def _clock_problems(scene: Scene, where: str, item: SceneObject) -> list[Problem
     ]
 
 
-_SNAPSHOT_COUNT = 4  # number of cached snapshots
+_SNAPSHOT_COUNT = 4  # number of snapshots that are cached at any size
+_SNAPSHOT_NUMBERS, _MOST_SNAPSHOTS = 1 << 22, 64  # numbers in all cached snapshots, 32 MB, and largest number of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,7 +300,10 @@ class BuiltScene:
                 np.concatenate([item.accelerations for item in moved]),
             )
             # Several threads may do the same.
-            for oldest in list(self._recent)[: 1 - _SNAPSHOT_COUNT]:
+            size = 3 * found.vertices_mm.size
+            # Images and truth of a time have its snapshot in common.
+            kept = int(np.clip(_SNAPSHOT_NUMBERS // max(size, 1), _SNAPSHOT_COUNT, _MOST_SNAPSHOTS))
+            for oldest in list(self._recent)[: 1 - kept]:
                 self._recent.pop(oldest, None)
             self._recent[t] = found
         return found

@@ -251,10 +251,10 @@ def _hide_points(
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         constant = nx * ax + ny * ay + nz * az
         blur_x, blur_y, blur_z = blurs(ax, ay, az, bx, by, bz, cx, cy, cz)
-        blur = blur_x + blur_y + blur_z
-        ab = (PLANE_MARGIN * np.sqrt(abx * abx + aby * aby + abz * abz) + blur) * largest
-        bc = (PLANE_MARGIN * np.sqrt(bcx * bcx + bcy * bcy + bcz * bcz) + blur) * largest
-        ca = (PLANE_MARGIN * np.sqrt(cax * cax + cay * cay + caz * caz) + blur) * largest
+        blurred = blur_x + blur_y + blur_z
+        ab = (PLANE_MARGIN * np.sqrt(abx * abx + aby * aby + abz * abz) + blurred) * largest
+        bc = (PLANE_MARGIN * np.sqrt(bcx * bcx + bcy * bcy + bcz * bcz) + blurred) * largest
+        ca = (PLANE_MARGIN * np.sqrt(cax * cax + cay * cay + caz * caz) + blurred) * largest
         for row in range(top, bottom + 1):
             begin, end = starts[row * columns + left], starts[row * columns + right + 1]
             if end - begin > _MANY:
@@ -275,14 +275,16 @@ def _hide_points(
                 begin = starts[row * columns + max(left, int(max(first, 0.0)))]
                 end = starts[row * columns + min(right, int(min(last, columns - 1.0))) + 1]
             for n in range(begin, end):
-                pz = zs[n]
-                if nearest >= pz or hidden[n] or own[n] == face:
-                    continue
-                px, py = xs[n], ys[n]
+                px, py, pz = xs[n], ys[n], zs[n]
                 w0 = px * bcx + py * bcy + pz * bcz
                 w1 = px * cax + py * cay + pz * caz
                 w2 = px * abx + py * aby + pz * abz
-                if not inside(w0, w1, w2, abs(px) * blur_x + abs(py) * blur_y + abs(pz) * blur_z):
+                blur = abs(px) * blur_x + abs(py) * blur_y + abs(pz) * blur_z
+                # One branch that is seldom taken: several are predicted wrongly at most points.
+                near = (min(w0, w1, w2) >= -blur) | (max(w0, w1, w2) <= blur)
+                if not (near & (nearest < pz) & (own[n] != face)) or hidden[n]:
+                    continue
+                if not inside(w0, w1, w2, blur):
                     continue
                 slope = nx * px + ny * py + nz * pz
                 if slope == 0.0:
