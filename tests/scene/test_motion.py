@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as some
 from pydantic import TypeAdapter
 from scipy.interpolate import CubicSpline
@@ -134,6 +134,8 @@ SMOOTH = [name for name in ENTRIES if ENTRIES[name]["kind"] not in ("bending", "
 @settings(deadline=None, max_examples=40)
 @given(names=some.lists(some.sampled_from(SMOOTH), min_size=2, max_size=4), t=some.floats(-3, 3))
 def test_composed_motions(names: list[str], t: float) -> None:
+    # At keyframes the third derivative jumps; differences use times up to 2^-6 frames away.
+    assume("keyframes" not in names or min(abs(t - key) for key in KEYS["times_frames"]) > 0.02)
     maps = [made(entry(name)) for name in names]
     points = cloud(20)
     velocity, acceleration = differences(maps, points, t)

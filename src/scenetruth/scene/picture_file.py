@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import io
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.bands import COLOURS
+
+if TYPE_CHECKING:
+    from PIL.Image import Exif
 
 __all__ = [
     "DecodedPicture", "PictureFileError", "as_picture", "component_of", "decode_picture", "linearise", "luminance_of",
@@ -304,11 +308,19 @@ def _coding_points(content: bytes) -> tuple[str | None, str]:
 def _exif_encoding(picture: Any) -> tuple[str | None, str]:
     """Return the encoding that the Exif data of a picture states."""
     exif = picture.getexif()
-    space = exif.get_ifd(_EXIF).get(_COLOUR_SPACE)
-    if space == 2 or str(exif.get_ifd(_INTEROPERABILITY).get(1, "")).startswith("R03"):
+    space = _read_directory(exif, _EXIF).get(_COLOUR_SPACE)
+    if space == 2 or str(_read_directory(exif, _INTEROPERABILITY).get(1, "")).startswith("R03"):
         msg = "is in Adobe RGB (Exif), which is neither sRGB nor linear; convert it to sRGB"
         raise PictureFileError(msg)
     return ("srgb", "Exif ColorSpace 1") if space == 1 else (None, "")
+
+
+def _read_directory(exif: Exif, tag: int) -> Mapping[int, Any]:
+    """Return the entries of an Exif directory; older versions of Pillow raise an error where there is none."""
+    try:
+        return exif.get_ifd(tag)
+    except KeyError:
+        return {}
 
 
 def _stated_encoding(picture: Any, content: bytes) -> tuple[str | None, str]:

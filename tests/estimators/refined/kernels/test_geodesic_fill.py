@@ -59,7 +59,9 @@ def test_costs_are_those_of_shortest_paths(labels: np.ndarray) -> None:
                 rows.append(y * width + x)
                 columns.append(v * width + u)
                 lengths.append(np.hypot(v - y, u - x) + 0.5 * abs(float(grey[y, x]) - float(grey[v, u])))
-    graph = coo_array((lengths, (rows, columns)), shape=(labels.size, labels.size)).tocsr()
+    # Older versions of SciPy search graphs with 32-bit indices only.
+    ends = np.array(rows, dtype=np.int32), np.array(columns, dtype=np.int32)
+    graph = coo_array((lengths, ends), shape=(labels.size, labels.size)).tocsr()
     each = [dijkstra(graph, indices=np.flatnonzero(labels == n), min_only=True) for n in np.unique(labels[source])]
     expected = np.sort(np.reshape(each, (3, *SHAPE)), axis=0)
     np.testing.assert_allclose(np.moveaxis(costs, -1, 0)[:, ~source], expected[:, ~source], rtol=1e-4)
