@@ -80,7 +80,7 @@ def test_gradients_of_noise_are_those_of_splines(method: Any) -> None:
                 y, x = (np.array(place) + 0.5) / 4
                 ends = [ndimage.shift(image, (y, x + side), order=5, mode="grid-wrap") for side in (-step, step)]
                 total += float(np.sum(((ends[1] - ends[0]) / (2 * step)) ** 2)) / 16
-        return total / images.shape[-1] / len(images)
+        return float(total / images.shape[-1] / len(images))
 
     ratio = of_slopes(responses) / of_slopes(white) / spectrum(responses)[0, 0]
     assert DEMOSAICED_NOISE[method].of_gradient == pytest.approx(ratio, rel=0.02)
