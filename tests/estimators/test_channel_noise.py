@@ -66,6 +66,26 @@ def test_share_is_what_splines_leave(method: Any) -> None:
     assert transfer**2 == pytest.approx(left / spectrum(responses)[0, 0], rel=0.02)
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_gradients_of_noise_are_those_of_splines(method: Any) -> None:
+    """Cardinal splines of the noise of impulses, sampled at quarters of a pixel, and their central differences."""
+    responses, step = impulses(method), 1e-3
+    white = np.zeros((1, SIZE, SIZE, 1))
+    white[0, SIZE // 2, SIZE // 2] = 1.0
+
+    def of_slopes(images: NDArray[np.float64]) -> float:
+        total = 0.0
+        for image in np.moveaxis(images, -1, 1).reshape(-1, SIZE, SIZE):
+            for place in np.ndindex(4, 4):
+                y, x = (np.array(place) + 0.5) / 4
+                ends = [ndimage.shift(image, (y, x + side), order=5, mode="grid-wrap") for side in (-step, step)]
+                total += float(np.sum(((ends[1] - ends[0]) / (2 * step)) ** 2)) / 16
+        return float(total / images.shape[-1] / len(images))
+
+    ratio = of_slopes(responses) / of_slopes(white) / spectrum(responses)[0, 0]
+    assert DEMOSAICED_NOISE[method].of_gradient == pytest.approx(ratio, rel=0.02)
+
+
 @given(power=some.lists(some.floats(1e-6, 10.0), min_size=1, max_size=16))
 def test_weights_make_noise_equal(power: list[float]) -> None:
     weights, given_power = compute_channel_weights(power), np.array(power)
@@ -87,7 +107,9 @@ def test_recording_states_its_demosaicing() -> None:
     assert read_demosaicing(st.make_recording(images, 500, 5)) is None
     stated = st.make_recording(images, 500, 5, attrs={"demosaicing": "bilinear"})
     assert read_demosaicing(stated) == DEMOSAICED_NOISE["bilinear"]
-    with pytest.raises(st.RecordingError, match=r"attrs.demosaicing: must be bilinear or malvar; .* \(got 'median'\)"):
+    with pytest.raises(
+        st.RecordingError, match=r"attrs.demosaicing: must be bilinear or malvar or binomial; .* \(got 'median'\)"
+    ):
         st.make_recording(images, 500, 5, attrs={"demosaicing": "median"})
 
 
@@ -173,6 +195,6 @@ def test_uncertainty_of_demosaiced_noise(method: Any, estimator: Any) -> None:
     rms = {stated: float(np.sqrt(np.nanmean(np.square(each)))) for stated, each in found.items()}
     # About 20 windows that do not overlap: 9 %; biases of the filters add to those of the noise. The uncertainty of
     # refined includes the bias by aliases, which is larger than the noise behind a bilinear filter: 0.26 and 0.56.
-    least = {"bilinear": 0.2, "malvar": 0.45}[method] if estimator == "refined" else 0.7
+    least = {"bilinear": 0.2, "malvar": 0.45, "binomial": 0.3}[method] if estimator == "refined" else 0.7
     assert least <= rms[True] <= 1.25
     assert rms[True] < rms[False] / 1.2

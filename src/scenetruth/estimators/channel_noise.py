@@ -42,6 +42,9 @@ class CorrelatedNoise:
     share
         Share of the variance of white noise, with the same power at low frequencies, that interpolation by quintic
         splines leaves as residual, in the units of ``noise_share`` of a recording.
+    of_gradient
+        Mean square gradient of noise after interpolation by quintic splines, relative to that of white noise with the
+        same power at low frequencies.
 
     See Also
     --------
@@ -56,14 +59,28 @@ class CorrelatedNoise:
     of_pixels: float
     of_residuals: float
     share: float
+    of_gradient: float
     along_row: tuple[float, ...]
 
 
 DEMOSAICED_NOISE: Mapping[str, CorrelatedNoise] = MappingProxyType(
     {
-        "bilinear": CorrelatedNoise(5.714, of_residuals=1.650, share=0.105, along_row=(0.175, 0.1, 0.02188)),
+        "bilinear": CorrelatedNoise(
+            5.714, of_residuals=1.650, share=0.105, of_gradient=0.0742, along_row=(0.175, 0.1, 0.02188)
+        ),
         "malvar": CorrelatedNoise(
-            3.636, of_residuals=1.516, share=0.189, along_row=(0.275, 0.1, 0.00078, 0.0, 0.00352)
+            3.636,
+            of_residuals=1.516,
+            share=0.189,
+            of_gradient=0.178,
+            along_row=(0.275, 0.1, 0.00078, 0.0, 0.00352),
+        ),
+        "binomial": CorrelatedNoise(
+            18.891,
+            of_residuals=3.120,
+            share=0.01995,
+            of_gradient=0.00692,
+            along_row=(0.05294, 0.04505, 0.02758, 0.01186, 0.00341, 0.00059, 0.00005),
         ),
     }
 )
@@ -76,7 +93,7 @@ def read_demosaicing(recording: xr.Dataset) -> CorrelatedNoise | None:
     Parameters
     ----------
     recording
-        Recording; its attribute ``demosaicing`` is ``bilinear`` or ``malvar`` if it was demosaiced.
+        Recording; its attribute ``demosaicing`` is ``bilinear``, ``malvar`` or ``binomial`` if it was demosaiced.
 
     Returns
     -------

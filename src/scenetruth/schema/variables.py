@@ -50,7 +50,7 @@ STATUS_INVALID, STATUS_NORMAL, STATUS_VALID, STATUS_FALLBACK = range(4)
 (coarser value, not valid and not scored).
 """
 
-DEMOSAICING = ("bilinear", "malvar")
+DEMOSAICING = ("bilinear", "malvar", "binomial")
 """Methods of demosaicing that the attribute ``demosaicing`` of a recording names."""
 
 REASONS = (

@@ -14,6 +14,7 @@ from scenetruth.camera.sensor import demosaic, mosaic
 
 PATTERNS = ("RGGB", "GRBG", "GBRG", "BGGR")
 METHODS = ("bilinear", "malvar")
+ALL = (*METHODS, "binomial")
 
 # Malvar, He and Cutler (2004), figure 2, as printed.
 GREEN_AT_RED = [[0, 0, -1, 0, 0], [0, 0, 2, 0, 0], [-1, 2, 4, 2, -1], [0, 0, 2, 0, 0], [0, 0, -1, 0, 0]]
@@ -64,18 +65,28 @@ def test_equals_the_convolutions_of_the_paper(method: Any, pattern: str, shape: 
     np.testing.assert_allclose(demosaic(image, pattern, method), expected, rtol=0, atol=4e-15)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("pattern", PATTERNS)
+@given(shape=st.tuples(st.integers(3, 9), st.integers(3, 9)), seed=st.integers(0, 99))
+def test_binomial_is_bilinear_and_a_filter(pattern: str, shape: tuple[int, int], seed: int) -> None:
+    image = np.random.default_rng(seed).uniform(-1, 1, shape)
+    expected = by_convolution(image, pattern, "bilinear")
+    kernel = np.outer([1, 4, 6, 4, 1], [1, 4, 6, 4, 1]) / 256
+    expected = ndimage.convolve(expected, kernel[..., None], mode="mirror")
+    np.testing.assert_allclose(demosaic(image, pattern, "binomial"), expected, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("method", ALL)
 @pytest.mark.parametrize("pattern", PATTERNS)
 def test_affine_functions_of_each_colour_are_exact(method: Any, pattern: str) -> None:
     y, x = np.indices((12, 15)).astype(float)
     colour = np.stack([3 + x - 2 * y, 7 - 4 * x + y, 1 + 2 * x + 8 * y], axis=-1)
     result = demosaic(mosaic(colour, pattern), pattern, method)
     # Weights, coordinates and values are multiples of 1/16 below 2^53: exact. Mirrored ramps at borders are not ramps.
-    np.testing.assert_array_equal(result[2:-2, 2:-2], colour[2:-2, 2:-2])
+    np.testing.assert_array_equal(result[3:-3, 3:-3], colour[3:-3, 3:-3])
     assert np.abs(result - colour).max() > 1
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ALL)
 @pytest.mark.parametrize("pattern", PATTERNS)
 def test_colours_without_texture_are_exact_up_to_the_borders(method: Any, pattern: str) -> None:
     colour = np.broadcast_to(np.array([3.0, 5.0, 11.0]), (7, 8, 3))
@@ -118,7 +129,7 @@ def test_samples_are_kept_and_types_too(method: Any, seed: int, pattern: str, dt
     np.testing.assert_array_equal(mosaic(result, pattern), image)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ALL)
 @given(seed=st.integers(0, 99), bits=st.sampled_from([8, 12, 16]))
 def test_integers_are_rounded_and_clipped_at_full_scale(method: Any, seed: int, bits: int) -> None:
     largest = 2**bits - 1
@@ -139,7 +150,7 @@ def test_malvar_overshoots_unless_integers() -> None:
     ("image", "pattern", "method", "message"),
     [
         (np.zeros((4, 4)), "RGBG", "malvar", r"pattern: must be one of RGGB, GRBG, GBRG, BGGR; got 'RGBG'"),
-        (np.zeros((4, 4)), "RGGB", "median", r"method: must be one of bilinear, malvar; got 'median'"),
+        (np.zeros((4, 4)), "RGGB", "median", r"method: must be one of bilinear, malvar, binomial; got 'median'"),
         (np.zeros((1, 4)), "RGGB", "malvar", r"mosaic: must have the shape \(y, x\) with at least 2 x 2 pixels"),
         (np.zeros((4, 4, 3)), "RGGB", "malvar", r"mosaic: must have the shape"),
         (np.zeros((4, 4), bool), "RGGB", "malvar", r"mosaic: must be integers or floating-point numbers; got bool"),

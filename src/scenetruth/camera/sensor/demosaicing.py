@@ -1,4 +1,4 @@
-"""Colour filter arrays: mosaicing, and demosaicing by bilinear or gradient-corrected linear interpolation."""
+"""Colour filter arrays: mosaicing, and demosaicing by bilinear, binomial or gradient-corrected interpolation."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 __all__ = ["DEMOSAICING_KERNELS", "DemosaicingMethod", "demosaic", "demosaicing_taps", "filter_colours", "mosaic"]
 
-DemosaicingMethod = Literal["bilinear", "malvar"]
-"""Bilinear interpolation, or the gradient-corrected linear interpolation of Malvar, He and Cutler (2004)."""
+DemosaicingMethod = Literal["bilinear", "malvar", "binomial"]
+"""Bilinear interpolation, the gradient-corrected linear interpolation of Malvar, He and Cutler (2004), or bilinear
+interpolation and a binomial filter.
+"""
 
 _Number = TypeVar("_Number", bound=np.generic)
 _Taps = dict[tuple[int, int], float]
@@ -20,6 +22,7 @@ _RED, _GREEN, _BLUE = range(3)
 _IDENTITY: _Taps = {(0, 0): 1.0}
 _PATTERNS = ("rggb", "grbg", "gbrg", "bggr")
 _REACH = 2
+_BINOMIAL = (1 / 16, 4 / 16, 6 / 16, 4 / 16, 1 / 16)
 
 
 def _symmetric_taps(*groups: tuple[float, tuple[tuple[int, int], ...]]) -> _Taps:
@@ -38,7 +41,7 @@ _CROSS = (*_ROW, *_COLUMN)
 _FAR_CROSS = (*_FAR_ROW, *_FAR_COLUMN)
 _DIAGONALS = ((1, 1), (1, -1))
 
-DEMOSAICING_KERNELS: dict[DemosaicingMethod, dict[str, _Taps]] = {
+DEMOSAICING_KERNELS: dict[str, dict[str, _Taps]] = {
     "bilinear": {
         "cross": _symmetric_taps((1 / 4, _CROSS)),
         "row": _symmetric_taps((1 / 2, _ROW)),
@@ -57,7 +60,7 @@ DEMOSAICING_KERNELS: dict[DemosaicingMethod, dict[str, _Taps]] = {
         "diagonal": _symmetric_taps((6 / 8, _CENTRE), (2 / 8, _DIAGONALS), (-1.5 / 8, _FAR_CROSS)),
     },
 }
-"""Weights by method and by the neighbours that have the missing colour, as a mapping of offsets (y, x) in pixels.
+"""Weights by interpolation and by the neighbours of the missing colour, as a mapping of offsets (y, x) in pixels.
 
 ``cross`` is green at red and blue pixels, ``row`` and ``column`` are red and blue at green pixels, and ``diagonal`` is
 blue at red pixels or red at blue pixels.
@@ -90,10 +93,30 @@ def demosaicing_taps(
     for y, x in np.ndindex(2, 2):
         for colour in range(3):
             kernel = _kernel_of(colours, y, x, colour)
-            weights = DEMOSAICING_KERNELS[method][kernel] if kernel else _IDENTITY
+            weights = DEMOSAICING_KERNELS[_interpolation_of(method)][kernel] if kernel else _IDENTITY
             own = {(dy, dx, int(colours[(y + dy) % 2, (x + dx) % 2])): weight for (dy, dx), weight in weights.items()}
             taps[y, x, colour] = own
-    return taps
+    return _filtered_taps(taps) if method == "binomial" else taps
+
+
+def _interpolation_of(method: DemosaicingMethod) -> str:
+    return "bilinear" if method == "binomial" else method
+
+
+def _filtered_taps(
+    taps: dict[tuple[int, int, int], dict[tuple[int, int, int], float]],
+) -> dict[tuple[int, int, int], dict[tuple[int, int, int], float]]:
+    """Return the weights of a demosaicing that a binomial filter along x and y follows."""
+    found: dict[tuple[int, int, int], dict[tuple[int, int, int], float]] = {}
+    for y, x, colour in taps:
+        total: dict[tuple[int, int, int], float] = {}
+        for down, right in np.ndindex(5, 5):
+            q, p = down - 2, right - 2
+            for (dy, dx, source), weight in taps[(y + q) % 2, (x + p) % 2, colour].items():
+                place = dy + q, dx + p, source
+                total[place] = total.get(place, 0.0) + _BINOMIAL[down] * _BINOMIAL[right] * weight
+        found[y, x, colour] = total
+    return found
 
 
 def mosaic(colour: NDArray[_Number], pattern: str) -> NDArray[_Number]:
@@ -145,7 +168,7 @@ def demosaic(
 ) -> NDArray[_Number]:
     """Interpolate the two missing colours of every pixel behind a Bayer filter.
 
-    Both methods are linear and reproduce affine functions of position, independent in each colour, exactly. Beyond the
+    All methods are linear and reproduce affine functions of position, independent in each colour, exactly. Beyond the
     borders the image is mirrored about its outermost pixels, which continues the pattern.
 
     Parameters
@@ -156,7 +179,8 @@ def demosaic(
         Colours of the 2 x 2 pixels in row-major order from the upper left: RGGB, GRBG, GBRG or BGGR.
     method
         ``"bilinear"``: mean of the nearest pixels of the colour. ``"malvar"``: the same plus a fraction of the
-        Laplacian of the colour that the pixel has, 1/2, 5/8 and 3/4.
+        Laplacian of the colour that the pixel has, 1/2, 5/8 and 3/4. ``"binomial"``: ``"bilinear"`` and a binomial
+        filter (1, 4, 6, 4, 1) / 16 along x and y, which removes nearly all of the aliases of waves of 6 px or longer.
     full_scale
         Largest value of integers; default: the largest of the type. Not used for floating-point numbers.
 
@@ -173,7 +197,7 @@ def demosaic(
 
     See Also
     --------
-    mosaic : The inverse: ``mosaic(demosaic(image, pattern), pattern)`` equals the image.
+    mosaic : The inverse: ``mosaic(demosaic(image, pattern), pattern)`` equals the image, except for ``"binomial"``.
 
     Notes
     -----
@@ -197,20 +221,30 @@ def demosaic(
         raise ValueError(msg)
 
     # Sixteenths of integers are exact: 16 bits and the weights take 21 of the 24 bits of a float32.
-    exact = np.float32 if mosaic.dtype.itemsize <= 2 else np.float64
+    exact = np.float32 if mosaic.dtype.itemsize <= 2 and method != "binomial" else np.float64
     computed: Any = mosaic.dtype if mosaic.dtype.kind == "f" else exact
     padded = np.pad(mosaic, _REACH, mode="reflect").astype(computed, copy=False)
     result = np.empty((*mosaic.shape, 3), computed)
     for y, x in np.ndindex(2, 2):
         for colour in range(3):
             kernel = _kernel_of(colours, y, x, colour)
-            taps = DEMOSAICING_KERNELS[method][kernel] if kernel else _IDENTITY
+            taps = DEMOSAICING_KERNELS[_interpolation_of(method)][kernel] if kernel else _IDENTITY
             result[y::2, x::2, colour] = _weighted_sum(padded, y, x, mosaic.shape, taps)
+    if method == "binomial":
+        result = _filter_binomially(result)
     if mosaic.dtype.kind == "f":
         return result
     integers: Any = mosaic.dtype
     largest = np.iinfo(integers).max if full_scale is None else full_scale
     return np.clip(np.rint(result, out=result), 0, largest, out=result).astype(mosaic.dtype)
+
+
+def _filter_binomially(colours: NDArray[Any]) -> NDArray[Any]:
+    """Return colours of shape (y, x, 3) after a binomial filter along x and y, mirrored at the borders."""
+    from scipy.ndimage import convolve1d
+
+    rows = convolve1d(colours, _BINOMIAL, axis=0, mode="mirror")
+    return np.asarray(convolve1d(rows, _BINOMIAL, axis=1, mode="mirror"))
 
 
 def _kernel_of(colours: NDArray[np.int64], y: int, x: int, colour: int) -> str:

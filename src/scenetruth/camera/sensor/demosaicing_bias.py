@@ -80,7 +80,7 @@ def demosaic_wave(
     pattern
         Colours of the 2 x 2 pixels in row-major order from the upper left: RGGB, GRBG, GBRG or BGGR.
     method
-        ``"bilinear"`` or ``"malvar"``.
+        ``"bilinear"``, ``"malvar"`` or ``"binomial"``.
 
     Returns
     -------

@@ -193,7 +193,8 @@ class Demosaicing(Effect):
     """Type of the effect."""
     method: DemosaicingMethod = "malvar"
     """``bilinear``: mean of the nearest pixels of the colour; ``malvar``: with a correction by the gradient of the
-    other colours (Malvar, He and Cutler 2004).
+    other colours (Malvar, He and Cutler 2004); ``binomial``: bilinear and a binomial filter of 5 pixels along x and y,
+    which removes aliases, for displacements with the least bias.
     """
 
     def channels(self, bands: tuple[str, ...]) -> tuple[str, ...]:

@@ -111,6 +111,11 @@ _BLENDED_PX = 3
 _STEEPEST, _STEEP, _RESIDUAL_OF_STEEP = 3.0, 2.5, 1.5
 # Ratio of the residuals of full and smaller windows from which on the latter explain the images better.
 _REDUCED = 1.2
+# Mean square residual by aliases, relative to noise, from which on only steps show other surfaces.
+_ALIASED = 0.1
+# Half-width of a strip along an outline, standard deviation of its surroundings relative to that of the window, and
+# largest fraction of these that strips take: a straight one takes 0.11 of three windows of 6 px.
+_STRIP_PX, _AREA, _LARGEST_DENSITY = 2, 3.0, 0.4
 # A steep surface that is observed continues on both sides: distance in standard deviations of the full window, and
 # largest difference from the extrapolated disparity, relative to the change that the slope predicts.
 _CONTINUED_AT, _CONTINUED = 1.5, 0.3
@@ -189,6 +194,9 @@ def refit_discontinuities(
     by_noise = compute_noise_gradient(noise, images.count, images.spline)
     surrounded = is_surrounded(refined.seen.gradient.astype(np.float64), _final_sigma(sigma), by_noise)
     where = where & (refined.uneven | ~fitted | differ(refined.fit, fit, sigma / 2, motion=True))
+    # Small windows of aliased images differ from full windows without any other surface.
+    steps = _find_outlines(images, np.where(where & np.isfinite(fit.theta[0]), fit.theta, shown), sigma)
+    where &= (by_aliases <= _ALIASED * noise**2) | around(outlines | steps, reach) | beyond
     final = chosen_fit(where, fit, refined.fit)
     own = textured(seen.gradient.astype(np.float64), noise, images.count, images.spline)
     sound = (
@@ -236,6 +244,15 @@ def fill_beyond_images(images: ImageStack, theta: Map, distance: int) -> Map:
         shown += (at_x >= left) & (at_x <= right) & (at_y >= top) & (at_y <= bottom)
     beyond = shown < 0.5 * len(view.s)
     return np.where(~valid & around(beyond, distance), filled, theta)
+
+
+def _find_outlines(images: ImageStack, theta: Map, sigma: float) -> Mask:
+    """Return discontinuities along lines; where they fill an area, fits to aliased images scatter."""
+    from scipy.ndimage import gaussian_filter
+
+    found = find_discontinuities(images, theta)
+    density = gaussian_filter(around(found, _STRIP_PX).astype(np.float64), _AREA * sigma)
+    return np.asarray(found & (density < _LARGEST_DENSITY))
 
 
 def _is_steep(theta: Map, focal: float, square: NDArray[Any]) -> Mask:

@@ -221,6 +221,11 @@ class ImageStack:
         return float(resampled_transfer(self.spline, self.mean_share))
 
     @property
+    def slope_transfer(self) -> float:
+        """Ratio of the standard deviation of gradients due to noise to that of white noise, 1 without demosaicing."""
+        return 1.0 if self.demosaiced is None else math.sqrt(self.demosaiced.of_gradient)
+
+    @property
     def mean_share(self) -> float:
         """Mean of the noise share over all images; 1 for images as they were recorded."""
         return 1.0 if self.noise_share is None else float(np.mean(self.noise_share[0]))

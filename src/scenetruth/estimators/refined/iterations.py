@@ -343,5 +343,6 @@ def _still(before: Map, after: Map, fit: Fit, images: ImageStack, tolerance_px: 
     left = np.sqrt(fit.residual[0]) / images.transfer
     noise = images.residual_noise(fit.residual[0]) / images.transfer
     with np.errstate(invalid="ignore"):
-        fitted = textured(fit.residual[1], noise, images.count, images.spline) & (left < _FITTED * noise)
+        fitted = textured(fit.residual[1], noise * images.slope_transfer, images.count, images.spline)
+        fitted &= left < _FITTED * noise
     return not fitted.any() or bool(np.mean(moved[fitted] < tolerance_px) >= _STILL_SHARE)

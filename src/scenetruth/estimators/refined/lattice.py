@@ -272,7 +272,7 @@ class _Level:
             limit = np.fmax(self._error_px, _ERROR_SHARE * images.moved_px(fields, fields + std))
             # Without texture, fits are of noise alone, and no values are wanted.
             noise = np.sqrt(residual[0]) / images.transfer
-            clear = textured(residual[1], noise, images.count, images.spline)
+            clear = textured(residual[1], noise * images.slope_transfer, images.count, images.spline)
             rough = ~(error <= limit) & (clear | np.isnan(noise))
             known = np.isfinite(theta).all(axis=0) & self._of_nodes[model, near]
         found = np.zeros(known.shape, dtype=np.bool_)

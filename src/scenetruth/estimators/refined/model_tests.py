@@ -187,7 +187,7 @@ def find_far(images: ImageStack, state: Map, fit: Fit) -> Mask:
     """
     before = accelerated(state) if len(fit.theta) == ALL else state[:FULL]
     noise = np.sqrt(fit.residual[0]) / images.transfer
-    clear = textured(fit.residual[1], noise, images.count, images.spline)
+    clear = textured(fit.residual[1], noise * images.slope_transfer, images.count, images.spline)
     with np.errstate(invalid="ignore"):
         far = ~(images.moved_px(extract_fields(before), extract_fields(fit.theta)) <= _LINEAR_PX)
     return np.asarray(far & clear & np.isfinite(fit.theta[0]))

@@ -207,7 +207,9 @@ def compute_maps(
             shifted *= _SHIFT_OF_FEW
             limit = np.maximum(settings.max_residual_ratio * usual, shifted)
         most = np.maximum(settings.max_residual_ratio * fine_contrast(images, settings.window_sigma_px), shifted)
-        known = np.isfinite(theta).all(axis=0) & textured(fit.residual[1], usual, fit.images, images.spline)
+        known = np.isfinite(theta).all(axis=0) & textured(
+            fit.residual[1], usual * images.slope_transfer, fit.images, images.spline
+        )
         known &= _in_texture(refined.seen.gradient, usual, images, settings.window_sigma_px)
         reason = np.where(np.isfinite(theta).all(axis=0) & ~known, _LOW_TEXTURE, 0)
         alone = known & ~sees_second_camera(images, theta, settings.window_sigma_px)
@@ -349,8 +351,9 @@ def _in_texture(gradient: NDArray[Any], noise: float, images: ImageStack, sigma_
     total = np.maximum(gaussian_filter(texture, sigma_px), 1e-300)
     partial = [gaussian_filter(texture, sigma_px, order=order) / total for order in ((0, 1), (1, 0))]
     middle_px = sigma_px**2 * np.hypot(*partial)
-    own = textured(texture, noise, images.count, images.spline)
-    by_noise = compute_noise_gradient(noise, images.count, images.spline)
+    of_slopes = noise * images.slope_transfer
+    own = textured(texture, of_slopes, images.count, images.spline)
+    by_noise = compute_noise_gradient(of_slopes, images.count, images.spline)
     bare = find_open_blanks(texture / by_noise, ~own, images.reference_grey(), noise / images.channels**0.5, sigma_px)
     return np.asarray((own | (middle_px < FARTHEST * sigma_px)) & ~bare)
 
