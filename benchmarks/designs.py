@@ -140,13 +140,14 @@ def main() -> None:
     parser.add_argument("--random", type=int, default=200, help="random rigs")
     parser.add_argument("--seeds", type=int, default=0, help="other seeds for the recommended rig")
     parser.add_argument("--folder", type=Path, help="where designs are kept")
+    parser.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="field of the specification")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         for name in given.designs or DESIGNS:
             file = FOLDER / f"{name}.yaml"
             print(name, flush=True)
             folder = (given.folder or Path(scratch)) / name
-            design = optimise(file, output=folder)
+            design = optimise(file, output=folder, overrides=given.set)
             print(f"  seconds: {dict(design.seconds)}")
             for line in design.summary().splitlines():
                 print(f"  {line}")

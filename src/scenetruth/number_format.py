@@ -172,7 +172,7 @@ def format_estimate(value: float, half: float, samples: int) -> str:
 
 _NO_CHANGE = 5e-5
 _LITTLE = 0.05  # negligible fraction of the variance
-_ROUNDED = 0.005  # smaller ones are 0.00
+_ROUNDED = 0.005  # smaller values are 0.00
 
 
 def format_percent(share: float) -> str:
