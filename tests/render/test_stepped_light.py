@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as some
 from numpy.typing import NDArray
 
@@ -116,6 +116,7 @@ def test_outlines_of_facets_are_exact() -> None:
 
 @pytest.mark.parametrize("material", [{}, *by_night(GLOSS)])
 @given(angle_deg=some.floats(0, 360), distance=some.floats(-4, 4))
+@example(angle_deg=299.0, distance=-1.5)
 @settings(max_examples=4, deadline=None)
 def test_borders_of_shadows_of_near_lamps_are_exact(
     material: dict[str, Any], angle_deg: float, distance: float
@@ -154,8 +155,16 @@ def test_borders_of_shadows_of_near_lamps_are_exact(
     beyond = 100.0 / (100.0 - gap)
     hidden = (x * normal[0] + y * normal[1]) < distance * share * beyond + 1
     expected = dark + share_lit * (bright - dark)
+    error = np.abs(found - expected)
+    # Pixels are divided where the centre of a whole neighbour shows the shadow. Beside the sheet, whose outline divides
+    # the neighbours, corners of the shadow below a hundredth of a pixel may therefore be missed.
+    across = x * normal[0] + y * normal[1]
+    shown = np.pad((across < distance) & (across > distance * share * beyond + np.sqrt(0.5)), 1)
+    near = np.lib.stride_tricks.sliding_window_view(shown, (3, 3)).any(axis=(2, 3))
+    missed = ~hidden & ~near & (share_lit < 1) & (share_lit > 0.99)
+    assert (error - (bright - expected))[missed].max(initial=0.0) < 1e-3
     # Places are within 2^-9 of a cell of a quarter pixel; the light varies by 1e-3 within a pixel.
-    assert np.abs((found - expected)[~hidden]).max(initial=0.0) < 1e-3
+    assert error[~hidden & ~missed].max(initial=0.0) < 1e-3
 
 
 def test_the_largest_errors_are_above() -> None:
