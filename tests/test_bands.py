@@ -350,6 +350,7 @@ def test_problems_of_bands_are_reported_together() -> None:
         st.Scene.from_dict(plain)
 
 
+@nightly
 @pytest.mark.filterwarnings("ignore::scenetruth.errors.SceneWarning")
 def test_maps_of_light_are_those_of_each_band(tmp_path: Path) -> None:
     scene = st.Scene.from_dict(coloured(sensor={"noise_std": 0.0}))

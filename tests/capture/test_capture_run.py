@@ -84,6 +84,7 @@ def test_second_call_does_nothing_again(run: CaptureRun, board_capture: Path) ->
     assert again.check.findings == run.check.findings
 
 
+@nightly
 @pytest.mark.parametrize(
     ("what", "done"),
     [("detect boards", ("check",)), *by_night(("report", ("check", "calibrate", "import", "estimate")))],

@@ -257,6 +257,7 @@ def test_missing_pieces_are_named(tmp_path: Path) -> None:
     assert "recording.zarr: no such store" in done.stderr
 
 
+@nightly
 def test_ctrl_c_during_a_render_leaves_nothing_behind(scene_file: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-u", "-m", "scenetruth", "run", str(scene_file), "-o", str(tmp_path / "cube")]
     # So many frames that a busy machine does not finish them before it is interrupted.

@@ -131,6 +131,7 @@ def test_wrong_options_are_named_together(tmp_path: Path) -> None:
     assert not (tmp_path / "c").exists()
 
 
+@nightly
 def test_calibration_prints_its_parameters_and_writes_its_files(tmp_path: Path) -> None:
     folder = make_board_capture(tmp_path / "lab", poses=3, static=0)
     done = scenetruth(

@@ -13,6 +13,7 @@ from hypothesis import strategies as some
 
 from scenetruth.scene import taylor_kernels as jet_kernels
 from scenetruth.scene.taylor import Jet, _Plain, compose, exp_quotient, sinc_root, strip_derivatives, where
+from tests.helpers.nightly import by_night
 
 numbers = some.floats(0.2, 1.3)
 
@@ -121,7 +122,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", list(CASES))
-@pytest.mark.parametrize("dtype", [np.float64, np.longdouble])
+@pytest.mark.parametrize("dtype", [np.float64, *by_night(np.longdouble)])
 @settings(deadline=None, max_examples=30)
 @given(x=some.floats(0, 15), sign=some.sampled_from([-1, 1]))
 @example(x=0.0, sign=1)

@@ -117,6 +117,7 @@ def test_dots_and_their_perspective_bias() -> None:
     assert 0.7 < np.sqrt((in_deviations(errors, points) ** 2).mean()) < 1.3
 
 
+@nightly
 def test_dots_of_an_inverted_image_have_the_same_places() -> None:
     """Ground and dots have slopes of their own: under uneven light, dots of full scale are no brighter on one side."""
     clean = render_board(DOTS, CAMERA, rotation_matrix(TURNS[0]), PLACE)

@@ -23,6 +23,7 @@ from scenetruth.design.prediction import (
 )
 from scenetruth.random_streams import generator_for
 from scenetruth.scene import Scene
+from tests.helpers.nightly import by_night
 from tests.helpers.prediction_scenes import wall
 
 SIDE, IMAGES = 100, 10
@@ -82,7 +83,11 @@ LIGHTS: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize("lighting", LIGHTS, ids=["ambient", "directional", "point", "spot", "disc", "sphere"])
+@pytest.mark.parametrize(
+    "lighting",
+    [*LIGHTS[:4], *by_night(*LIGHTS[4:])],
+    ids=["ambient", "directional", "point", "spot", "disc", "sphere"],
+)
 def test_light_is_that_of_rendered_images(lighting: dict[str, Any]) -> None:
     """Of a surface of radiance 1, images are the light itself: to float32 and the curvature of light in a pixel."""
     plain = wall(
