@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from benchmarks.jobs import heading, line
 from numpy.typing import NDArray
-from scipy.ndimage import convolve1d
 
 import scenetruth as st
 from scenetruth.camera import demosaic, mosaic
@@ -22,7 +21,6 @@ STEPS, DISPARITY_PX, PATTERN = np.arange(5) - 2, 0.3, "RGGB"
 SHAPE, PADDING = (96, 128), 32
 COLOURS = {"green": (0.1, 1.0, 0.1), "red": (1.0, 0.05, 0.05), "coloured": (1.0, 0.5, 0.2)}
 WAVES_PX = ((5, 7), (6, 12), (12, 24))
-BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16
 
 
 def mosaics(waves_px: tuple[float, float], colour: tuple[float, ...], seed: int, noise: float = 0.0) -> Images:
@@ -39,11 +37,6 @@ def mosaics(waves_px: tuple[float, float], colour: tuple[float, ...], seed: int,
             image += wave[..., None] * np.array(colour) / np.sqrt(24)
     sampled = np.array([mosaic(0.5 + 0.2 * image, PATTERN) for image in images])
     return sampled + noise * drawn.normal(size=sampled.shape)
-
-
-def smoothed(images: Images) -> Images:
-    """Return images (n, y, x, 3) after a binomial filter in x and y, which removes waves of 2 px."""
-    return np.asarray(convolve1d(convolve1d(images, BINOMIAL, axis=1, mode="mirror"), BINOMIAL, axis=2, mode="mirror"))
 
 
 def green_alone(sampled: Images) -> Images:
@@ -80,14 +73,12 @@ def estimated(images: Images, method: str | None, every: int = 1) -> tuple[float
 
 def interpolated(sampled: Images, kind: str) -> tuple[Images, str | None, int]:
     """Return images after an interpolation, the demosaicing that they state, and their distance of pixels."""
-    if kind in ("malvar", "bilinear"):
+    if kind in ("malvar", "bilinear", "binomial"):
         return np.array([demosaic(each, PATTERN, kind) for each in sampled]), kind, 1  # type: ignore[arg-type]
-    if kind == "bilinear, binomial filter":
-        return smoothed(interpolated(sampled, "bilinear")[0]), "bilinear", 1
     return (green_alone(sampled), None, 1) if kind == "green samples" else (sampled[:, ::2, ::2], None, 2)
 
 
-KINDS = ("malvar", "bilinear", "red plane", "green samples", "bilinear, binomial filter")
+KINDS = ("malvar", "bilinear", "red plane", "green samples", "binomial")
 
 
 def main() -> None:
@@ -99,7 +90,7 @@ def main() -> None:
             for kind in KINDS:
                 found = [estimated(*interpolated(mosaics(waves, values, seed), kind)) for seed in (1, 2)]
                 bias = [1e3 * each[0] for each in found if each[3] > 0]
-                cells.append(", ".join(f"{each:.1f}" for each in bias) if bias else "no valid pixels")
+                cells.append(", ".join(f"{round(each, 1) + 0.0:.1f}" for each in bias) if bias else "no valid pixels")
             print(line([f"{waves[0]} to {waves[1]}", colour, *cells]), flush=True)
     print()
     print(heading(["colour", *KINDS]))
