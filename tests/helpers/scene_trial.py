@@ -58,8 +58,8 @@ def try_scene(file: Path, smaller: float = 1.0) -> str:
         try:
             parts = limited_objects(scene, Limits())
             estimate_cost(compute_workload(scene, parts), ["render"], slower=1.0)
-            glimpse = make_quick_preview(scene, parts)
-            describe_scene(scene, glimpse.world, glimpse.depth, glimpse.times)
+            preview = make_quick_preview(scene, parts)
+            describe_scene(scene, preview.world, preview.depth, preview.times)
         except st.SceneError as error:
             _is_told(error)
         if is_large(scene, smaller):

@@ -27,15 +27,15 @@ from tests.helpers.scenes import LIBRARY, cube, small
 @pytest.mark.parametrize("file", LIBRARY, ids=lambda file: file.stem)
 def test_the_library_is_seen_in_passing_as_it_is(file: Path) -> None:
     scene = small(file)
-    glimpse = make_quick_preview(scene, list_object_workloads(scene)[0])
+    preview = make_quick_preview(scene, list_object_workloads(scene)[0])
     world = build_scene(scene)
-    assert glimpse.left_out == []
+    assert preview.left_out == []
     geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg), 0.0)
     maps = truth_maps(geometry, scene.camera, Viewpoint.on_axis(0.0), scene.stage.baseline_mm, "standard")
-    covered, known = np.isfinite(maps["depth"]).mean(), np.isfinite(glimpse.depth).mean()
+    covered, known = np.isfinite(maps["depth"]).mean(), np.isfinite(preview.depth).mean()
     # Of an outline in pixels that are 1.7 times as large.
     assert known == pytest.approx(covered, abs=0.03)
-    exact, about = describe_scene(scene, world, maps["depth"]), describe_scene(scene, glimpse.world, glimpse.depth)
+    exact, about = describe_scene(scene, world, maps["depth"]), describe_scene(scene, preview.world, preview.depth)
     assert about.mean_disparity_px == pytest.approx(exact.mean_disparity_px, rel=0.01)
     for one, other in zip(exact.objects, about.objects, strict=True):
         extent = one.depth_mm[1] - one.depth_mm[0]
@@ -53,18 +53,18 @@ def test_places_are_those_of_the_world(file: Path) -> None:
 
 def test_few_moments_of_many_are_looked_at_with_both_ends() -> None:
     scene = cube(frames={"count": 9_999})
-    glimpse = make_quick_preview(scene, list_object_workloads(scene)[0])
+    preview = make_quick_preview(scene, list_object_workloads(scene)[0])
     times = compute_image_times(scene)
-    assert len(glimpse.times) < 400
-    assert {min(times), 0.0, max(times)} <= set(glimpse.times) <= set(times)
+    assert len(preview.times) < 400
+    assert {min(times), 0.0, max(times)} <= set(preview.times) <= set(times)
 
 
 def test_of_many_objects_some_are_looked_at_and_the_others_named() -> None:
     item = cube().to_dict()["objects"][0] | {"texture": {"kind": "uniform"}}
     scene = cube(objects=[item | {"name": f"cube-{number}"} for number in range(250)])
-    glimpse = make_quick_preview(scene, list_object_workloads(scene)[0])
-    assert 50 <= len(glimpse.world.bodies) <= 100
-    assert len(glimpse.left_out) + len(glimpse.world.bodies) == 250
+    preview = make_quick_preview(scene, list_object_workloads(scene)[0])
+    assert 50 <= len(preview.world.bodies) <= 100
+    assert len(preview.left_out) + len(preview.world.bodies) == 250
 
 
 def plates(width_mm: float, width_px: int) -> Scene:
@@ -85,8 +85,8 @@ def plates(width_mm: float, width_px: int) -> Scene:
 def test_objects_without_interior_are_named_as_the_truth_does(width_px: int, width_mm: float, narrow: bool) -> None:
     scene = plates(width_mm, width_px)
     margin = width_px / 12
-    glimpse = make_quick_preview(scene, list_object_workloads(scene)[0])
-    assert without_interior(glimpse, margin) == (["plate"] if narrow else [])
+    preview = make_quick_preview(scene, list_object_workloads(scene)[0])
+    assert without_interior(preview, margin) == (["plate"] if narrow else [])
     world = build_scene(scene)
     geometry = GeometryPass(world, Topology.of(world.at(0).vertices_mm, world.faces, world.crease_deg), 0.0)
     maps = truth_maps(geometry, scene.camera, Viewpoint.on_axis(0.0), scene.stage.baseline_mm, "standard")
@@ -127,9 +127,9 @@ def test_surfaces_that_send_out_more_light_than_they_receive_are_found(bands: tu
     texture = {"kind": "noise", "wavelength_mm": [8, 20], "mean": 0.5}
     plain["objects"] = [item | bright | {"name": "sheet"}, item | {"name": "box", "tint": tint, "texture": texture}]
     scene = st.Scene.from_dict(plain)
-    glimpse = make_quick_preview(scene, list_object_workloads(scene)[0])
+    preview = make_quick_preview(scene, list_object_workloads(scene)[0])
     with pytest.raises(st.SceneError) as about:
-        describe_scene(scene, glimpse.world, glimpse.depth)
+        describe_scene(scene, preview.world, preview.depth)
     with pytest.raises(st.SceneError) as exact:
         check_scene(scene, build_scene(scene))
     assert about.value.problems == exact.value.problems

@@ -44,8 +44,8 @@ def print_check(scene: Scene, file: Path, limits: Limits, *, as_json: bool = Fal
 
     try:
         parts = limited_objects(scene, limits)
-        glimpse = make_quick_preview(scene, parts)
-        report = describe_scene(scene, glimpse.world, glimpse.depth, glimpse.times)
+        preview = make_quick_preview(scene, parts)
+        report = describe_scene(scene, preview.world, preview.depth, preview.times)
     except SceneError as error:
         raise SceneError(error.problems, source=file) from error
     demand = replace(compute_workload(scene, parts), effort=compute_method_workload([scene.estimate]))
@@ -57,12 +57,12 @@ def print_check(scene: Scene, file: Path, limits: Limits, *, as_json: bool = Fal
     if problems:
         raise MachineError(problems)
     messages = [*find_unit_errors(scene), *report.warnings, *_print_precision(scene, parts, shown=not as_json)]
-    if without := without_interior(glimpse, scene.score.interior_margin_px):
+    if without := without_interior(preview, scene.score.interior_margin_px):
         messages.append(_interior_warning(without, scene.score.interior_margin_px))
-    if glimpse.left_out:
-        messages.append(f"objects: {_listed(glimpse.left_out)} not analysed, to limit the time; a run checks them")
-    if glimpse.unpainted:
-        names = _listed(glimpse.unpainted)
+    if preview.left_out:
+        messages.append(f"objects: {_listed(preview.left_out)} not analysed, to limit the time; a run checks them")
+    if preview.unpainted:
+        names = _listed(preview.unpainted)
         messages.append(f"objects: the brightness of {names} not analysed, to limit the time; a run checks it")
     messages += [f"cannot be estimated: {problem}" for problem in run_problems(scene, [scene.estimate])]
     if as_json:

@@ -96,19 +96,19 @@ def _is_quickly_painted(part: ObjectWorkload) -> bool:
     return part.painted or part.texels <= _QUICKLY_PAINTED
 
 
-def without_interior(glimpse: QuickPreview, margin_px: float) -> list[str]:
+def without_interior(preview: QuickPreview, margin_px: float) -> list[str]:
     """Return the names of the visible objects without interior pixels, at the resolution of the preview."""
-    number = glimpse.object_id
+    number = preview.object_id
     edges = np.zeros(number.shape, dtype=np.bool_)
     across, down = number[:, 1:] != number[:, :-1], number[1:] != number[:-1]
     edges[:, 1:] |= across
     edges[:, :-1] |= across
     edges[1:] |= down
     edges[:-1] |= down
-    reach = margin_px / glimpse.scale - 1
+    reach = margin_px / preview.scale - 1
     far = _is_farther(edges, reach)
     seen, inside = (set(number[mask].tolist()) for mask in (number >= 0, far & (number >= 0)))
-    return [glimpse.world.bodies[index].name for index in sorted(seen - inside)] if reach > 0 else []
+    return [preview.world.bodies[index].name for index in sorted(seen - inside)] if reach > 0 else []
 
 
 def _is_farther(edges: NDArray[np.bool_], reach: float) -> NDArray[np.bool_]:
