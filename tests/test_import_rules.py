@@ -33,6 +33,7 @@ LEAVES = {
     "settings",
     "threads",
     "validated_model",
+    "validation_problems",
 }
 MAY_IMPORT = {
     "bands": {"validated_model"},
@@ -42,6 +43,7 @@ MAY_IMPORT = {
     "threads": {"compilation"},
     "plain_data": {"errors"},
     "validated_model": set(),
+    "validation_problems": {"errors"},
     "discovery": set(),
     "indexing": set(),
     "input_files": set(),

@@ -111,7 +111,7 @@ NO_NUMBER = ["stage.positions=null", "stage.baseline_mm=null"]
             r"stage\.positions_mm: the reference is the middle position, index 1, .* subtract 1 from all",
         ),
         (["stage.positions_mm=[]"], r"stage\.positions_mm: .*at least 1 item"),
-        (["stage.positions_mm=5"], r"stage\.positions_mm: input should be a valid tuple \(got 5\)"),
+        (["stage.positions_mm=5"], r"stage\.positions_mm: must be a list; .* \(got 5\)"),
         (["stage.positions_mm=[-5, zero, 5]"], r"stage\.positions_mm\.1: .*valid number.* \(got 'zero'\)"),
         (["stage.positions_mm=[-.inf, 0, 5]"], r"stage\.positions_mm\.0: .*finite"),
         (

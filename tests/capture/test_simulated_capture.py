@@ -300,7 +300,7 @@ def test_all_wrong_settings_are_named_together(tmp_path: Path) -> None:
         simulate_capture(cube(**SCENE), tmp_path / "c", board=board, scale_std=0, flats=3)
     paths = [problem.path for problem in caught.value.problems]
     assert paths == ["board.spacing_mm", "scale_std", "flats"]
-    assert "flats: is unknown; choose board" in str(caught.value)
+    assert "flats: unknown key; did you mean 'flat'?" in str(caught.value)
     assert not (tmp_path / "c").exists()
 
 

@@ -94,11 +94,11 @@ def test_a_shipped_recipe_can_be_copied_anywhere(name: str, tmp_path: Path) -> N
         ),
         (
             {"distributions": {"seed": {"kind": "loguniform", "low": 1, "high": 2}}},
-            "distributions.seed: is of unknown type: .*; did you mean 'log_uniform'[?] [(]got",
+            "distributions.seed: unknown `kind`: .*; did you mean 'log_uniform'[?] [(]got",
         ),
         (
             {"acceptance": [{"kind": "visibleshare"}]},
-            "acceptance.0: is of unknown type: .*did you mean 'visible_share'[?]",
+            "acceptance.0: unknown `kind`: .*did you mean 'visible_share'[?]",
         ),
     ],
     ids=str,

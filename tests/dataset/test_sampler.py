@@ -159,7 +159,7 @@ BAD: list[tuple[dict[str, Any], list[str]]] = [
     ({"distributions": {"plants.*.name": "= 1"}}, ["distributions.plants.*.name: matches nothing"]),
     (
         {"distributions": {"camera.width": {"kind": "unifrm"}}},
-        ["distributions.camera.width: is of unknown type: 'unifrm'"],
+        ["distributions.camera.width: unknown `kind`: 'unifrm'"],
     ),
     ({"distributions": {"camera.width": 3}}, ["distributions.camera.width: "]),
     (

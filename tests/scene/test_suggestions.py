@@ -57,7 +57,7 @@ def message_of(override: str) -> str:
         ("sensor.kind=emva", "did you mean 'emva1288'?"),
         ("objects.0.mesh.kind=bx", "did you mean 'box'?"),
         ("optics.psf={sigma_px: 2}", "requires `kind`, one of 'airy', 'gaussian'"),
-        ("sensor={kind: chain, effects: [{kind: gamma, gama: 3}]}", "is missing"),
+        ("sensor={kind: chain, effects: [{kind: gamma, gama: 3}]}", "unknown key; did you mean 'gamma'?"),
     ],
 )
 def test_what_was_meant_is_told(override: str, end: str) -> None:

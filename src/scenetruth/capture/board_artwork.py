@@ -12,6 +12,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from scenetruth.errors import ArgumentError, Problem
 from scenetruth.validated_model import FrozenModel, Positive
+from scenetruth.validation_problems import list_problems
 
 __all__ = [
     "BoardArtwork", "BoardKind", "BoardPrint", "DotPlace", "default_board", "draw_board", "draw_dots", "marker_problem",
@@ -149,14 +150,7 @@ def read_board_print(values: BoardPrint | Mapping[str, Any]) -> BoardPrint:
     try:
         return BoardPrint.model_validate(dict(values))
     except ValidationError as error:
-        problems = [
-            Problem(
-                ".".join(("board", *map(str, entry["loc"]))),
-                "is missing" if entry["type"] == "missing" else entry["msg"].removeprefix("Value error, "),
-                None if entry["type"] in ("missing", "value_error") else entry.get("input"),
-            )
-            for entry in error.errors(include_url=False)
-        ]
+        problems = list_problems(error, values, model=BoardPrint, under="board")
         raise ArgumentError(problems, source="a calibration board") from error
 
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     ConfigDict,
     Field,
     PrivateAttr,
@@ -29,6 +27,7 @@ from scenetruth.input_files import InputFile, validation_context
 from scenetruth.plain_data import plain_problems
 from scenetruth.scene import Overrides, read_input
 from scenetruth.validated_model import Finite, FrozenModel, NonNegative, Positive
+from scenetruth.validation_problems import list_problems
 
 __all__ = [
     "CAPTURE_FILE",
@@ -327,7 +326,7 @@ class Capture(FrozenModel):
         try:
             capture = cls.model_validate(dict(values), context=validation_context(folder))
         except ValidationError as error:
-            raise CaptureError(_build_problems(error, values), source) from error
+            raise CaptureError(list_problems(error, values, model=cls), source) from error
         capture._folder = folder
         return capture
 
@@ -390,57 +389,3 @@ def load_capture(capture: CaptureLike, *, overrides: Overrides = ()) -> Capture:
         capture = file
     plain, source, folder = read_input(capture, "a capture file", CaptureError, overrides=overrides)
     return Capture.from_dict(plain, source=source, folder=folder)
-
-
-_MOST_PROBLEMS = 100
-
-
-def _build_problems(error: ValidationError, plain: Mapping[str, Any]) -> list[Problem]:
-    """Return the problems of a validation, unknown keys first, because other keys are missing for their sake."""
-    found: dict[tuple[str, str], Problem] = {}
-    for entry in error.errors(include_url=False)[:_MOST_PROBLEMS]:
-        path = _path_in(plain, entry["loc"])
-        message = entry["msg"].removeprefix("Value error, ")
-        if entry["type"] == "extra_forbidden":
-            message = "unknown key" + _suggest(entry["loc"])
-        elif entry["type"] == "missing":
-            message = "is missing"
-        value = entry.get("input")
-        if value is None and entry["type"] != "missing" and path:
-            message = "is empty; fill it in"
-        shown = None if entry["type"] == "missing" or isinstance(value, Mapping | BaseModel) else value
-        found.setdefault((path, message), Problem(path, message[:1].lower() + message[1:], shown))
-    return sorted(found.values(), key=lambda problem: not problem.message.startswith("unknown key"))
-
-
-def _path_in(plain: Any, loc: Sequence[Any]) -> str:
-    """Return a location as a path in the file, without the parts that name alternatives of a type."""
-    keys, here = list[str](), plain
-    for place, key in enumerate(loc):
-        inside = isinstance(here, Mapping) and key in here
-        listed = isinstance(here, list | tuple) and isinstance(key, int) and key < len(here)
-        if inside or listed:
-            here = here[key]
-        elif not (isinstance(here, Mapping) and place == len(loc) - 1):
-            continue
-        keys.append(str(key))
-    return ".".join(keys)
-
-
-def _suggest(loc: Sequence[Any]) -> str:
-    """Return the nearest valid key at a location."""
-    models: list[type[BaseModel]] = [Capture]
-    for key in loc[:-1]:
-        fields = [model.model_fields[key].annotation for model in models if key in model.model_fields]
-        models = [inner for annotation in fields for inner in _models_in(annotation)] or models
-    names = sorted({name for model in models for name in model.model_fields})
-    near = difflib.get_close_matches(str(loc[-1]), names, n=1, cutoff=0.5)
-    return f"; did you mean '{near[0]}'?" if near else f"; valid keys: {', '.join(names)}"
-
-
-def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    elif get_origin(annotation) is not None or isinstance(annotation, type(Union[int, str])):  # noqa: UP007
-        for part in get_args(annotation):
-            yield from _models_in(part)

@@ -32,6 +32,7 @@ from scenetruth.random_streams import generator_for
 from scenetruth.scene import Scene
 from scenetruth.simulation import make_truth
 from scenetruth.validated_model import Finite, FrozenModel, NonNegative, Positive
+from scenetruth.validation_problems import list_problems
 
 __all__ = ["BoardPose", "CapturePlan", "CaptureSimulation", "FiducialStrip", "plan_capture", "read_settings"]
 
@@ -129,11 +130,7 @@ def read_settings(values: Mapping[str, Any]) -> CaptureSimulation:
     try:
         settings = CaptureSimulation.model_validate(plain)
     except ValidationError as error:
-        for entry in error.errors(include_url=False):
-            message = entry["msg"].removeprefix("Value error, ")
-            if entry["type"] == "extra_forbidden":
-                message = f"is unknown; choose {', '.join(sorted(CaptureSimulation.model_fields))}"
-            problems.append(Problem(".".join(map(str, entry["loc"])), message, entry.get("input")))
+        problems += list_problems(error, plain, model=CaptureSimulation)
     if problems:
         raise ArgumentError(problems, source="a simulated capture")
     return settings

@@ -6,12 +6,13 @@ import difflib
 import errno
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from pydantic import ConfigDict, PrivateAttr, ValidationError
+from pydantic_core import ErrorDetails
 
 from scenetruth.dataset.recipe_model import PATH_PATTERN, RecipeModel
 from scenetruth.dataset.sampler import Sampler
@@ -20,7 +21,7 @@ from scenetruth.input_files import bundled_file, bundled_files, validation_conte
 from scenetruth.plain_data import plain_problems
 from scenetruth.scene import Overrides, Scene, load_scene, read_input
 from scenetruth.scene.field_paths import PathError, assign, expand
-from scenetruth.scene.suggestions import suggest_word
+from scenetruth.validation_problems import list_problems
 
 __all__ = ["Recipe", "RecipeLike", "load_recipe"]
 
@@ -103,7 +104,8 @@ class Recipe(RecipeModel):
         try:
             recipe = cls.model_validate(dict(values), context=validation_context(folder))
         except ValidationError as error:
-            problems = [*_build_problems(error, values), *_missing_bases(values, folder)]
+            found = list_problems(error, values, model=cls, words=_words)
+            problems = [*found, *_missing_bases(values, folder)]
             raise RecipeError(problems, source=source) from error
         for where, entry in [(f"parameters.{key}", item) for key, item in recipe.parameters.items()] + [
             (f"distributions.{key}", item) for key, item in recipe.distributions.items()
@@ -240,73 +242,24 @@ def _changed(scene: Scene, recipe: RecipeModel) -> Scene:
     return Scene.from_dict(plain, folder=None if recipe.folder is None else Path(recipe.folder))
 
 
-def _build_problems(error: ValidationError, plain: Mapping[str, Any]) -> Sequence[Problem]:
-    found: dict[tuple[str, str], Problem] = {}
-    for entry in error.errors(include_url=False)[:_MAX_LISTED]:
-        path = _path_in(plain, entry["loc"])
-        message = entry["msg"].removeprefix("Value error, ")
-        if entry["type"] == "extra_forbidden":
-            message = "unknown key" + _suggest_key(str(entry["loc"][-1]), entry["loc"])
-        elif entry["type"] == "missing":
-            message = "is missing"
-        elif entry["type"] == "union_tag_invalid":
-            tag, kinds = entry["ctx"]["tag"], entry["ctx"]["expected_tags"]
-            message = f"is of unknown type: '{tag}' is none of {kinds}" + suggest_word(tag, kinds)
-        elif entry["type"] == "union_tag_not_found":
-            message = "needs `kind`, such as {kind: uniform, low: 1, high: 2}"
-        elif entry["type"] == "string_pattern_mismatch":
-            message = _letters_allowed(path, str(entry["input"]))
-            path = path.removesuffix(f".{_KEY}")
-        # The value of the whole recipe is not shown.
-        value = None if entry["type"] == "missing" or not path else entry.get("input")
-        problem = Problem(path, message[:1].lower() + message[1:], value)
-        found.setdefault((path, problem.message), problem)
-    problems = list(found.values())
-    if any(problem.message == "is missing" for problem in problems):
-        # A missing key is often misspelt, and the misspelling is the error to correct.
-        problems.sort(key=lambda problem: not problem.message.startswith("unknown key; did you mean"))
-    return problems
+def _words(entry: ErrorDetails, path: str) -> str | None:
+    """Return the message of a problem that only recipes have."""
+    match entry["type"]:
+        case "union_tag_not_found":
+            return "requires `kind`, such as {kind: uniform, low: 1, high: 2}"
+        case "string_pattern_mismatch":
+            return _letters_allowed(path, str(entry["input"]), is_key=entry["loc"][-1] == "[key]")
+    return None
 
 
-_MAX_LISTED = 100
-_KEY = "[key]"
-"""Location part that pydantic uses for a key of a mapping."""
-
-
-def _letters_allowed(path: str, given: str) -> str:
+def _letters_allowed(path: str, given: str, *, is_key: bool) -> str:
     """Return a message with the permitted characters of a name or path, and a corrected spelling."""
     if path == "name":
         spelled = re.sub(r"[^A-Za-z0-9_.-]+", "-", given).strip("-._")
         allowed = "must consist of the letters A to Z and a to z, digits, points, dashes and underscores, and begin "
         return f"{allowed}with a letter or a digit" + (f", such as {spelled:.100}" if spelled else "")
-    if path.endswith(_KEY):
+    if is_key:
         spelled = re.sub(r"\[(\d+|\*)\]", r".\1", given)
         remedy = f"; write {spelled:.200}" if spelled != given and re.fullmatch(PATH_PATTERN, spelled) else ""
         return f"is not a field path: keys and indices separated by dots, such as objects.0.mesh.size_mm{remedy}"
     return "must consist of the letters A to Z and a to z, digits and underscores, and not begin with a digit"
-
-
-def _suggest_key(key: str, loc: Sequence[Any]) -> str:
-    if len(loc) != 1:
-        return ""
-    near = difflib.get_close_matches(key, list(Recipe.model_fields), n=1)
-    return f"; did you mean '{near[0]}'?" if near else f"; valid keys: {', '.join(Recipe.model_fields)}"
-
-
-def _path_in(plain: Any, loc: Sequence[Any]) -> str:
-    """Return a location as a path in the file, without the type names inserted by pydantic."""
-    keys, here = list[str](), plain
-    for index, key in enumerate(loc):
-        inside = isinstance(here, Mapping) and key in here
-        listed = isinstance(here, list | tuple) and isinstance(key, int) and key < len(here)
-        if inside or listed:
-            here = here[key]
-        elif index < len(loc) - 1 or _is_kind(here, key):
-            continue
-        keys.append(str(key))
-    return ".".join(keys)
-
-
-def _is_kind(here: Any, key: Any) -> bool:
-    """Return whether the last part of a location is an error type rather than a key."""
-    return isinstance(here, Mapping) and str(here.get("kind", "")).lower() == key

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any, cast
@@ -24,13 +24,14 @@ from pydantic import (
     model_serializer,
     model_validator,
 )
-from pydantic_core import CoreSchema
+from pydantic_core import CoreSchema, ErrorDetails
 
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators.protocol import Estimator
 from scenetruth.estimators.user_code import locate_exception
 from scenetruth.plain_data import plain_problems
 from scenetruth.validated_model import FrozenModel
+from scenetruth.validation_problems import list_problems, suggest_word
 
 __all__ = [
     "DEFAULT_METHOD",
@@ -165,13 +166,10 @@ def find_method(name: object) -> Estimator:
     entries = [entry for entry in _own_entries() if entry.name == name]
     entries = entries or [entry for entry in list_methods() if entry.name == name]
     if not entries:
-        import difflib
-
         if hint := _file_hint(name):
             raise _refused(hint, name)
         known = sorted({entry.name for entry in list_methods()})
-        near = difflib.get_close_matches(name, known, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else "."
+        hint = suggest_word(name, known) or "."
         raise _refused(f"no such method{hint} Installed: {', '.join(known)}", name)
     entry = entries[0]
     if entry.problem:
@@ -457,35 +455,15 @@ def validate_settings(method: Estimator, fields: Mapping[str, Any]) -> FrozenMod
     try:
         return method.settings.model_validate(dict(fields))
     except ValidationError as error:
-        values: dict[str, list[Problem]] = {}
-        for problem in (_build_problem(entry, method) for entry in error.errors(include_url=False)[:_MAX_PROBLEMS]):
-            values.setdefault(problem.path, []).append(problem)
-        # For a setting that may be a number or a word, pydantic reports an error for each alternative.
-        problems = [
-            Problem(path, ", or ".join(dict.fromkeys(problem.message for problem in found)), found[0].value)
-            for path, found in sorted(values.items())
-        ]
+        problems = list_problems(error, fields, model=method.settings, words=partial(_words, method))
+        problems.sort(key=lambda problem: problem.path)
         raise EstimateError(problems, source=f"settings of '{method.name}'") from error
 
 
-_MAX_PROBLEMS = 100
-"""Largest number of invalid settings that are reported, because the search for similar names takes time."""
-
-
-def _build_problem(entry: Any, method: Estimator) -> Problem:
-    keys = [str(key) for key in entry["loc"]]
-    path = ".".join(key for key in keys if not key.startswith(_UNION_TYPES) and key not in _UNION_MEMBERS)
-    message, value = entry["msg"].removeprefix("Value error, "), entry.get("input")
-    if entry["type"] == "extra_forbidden":
-        import difflib
-
-        known = sorted(method.settings.model_fields)
-        near = difflib.get_close_matches(keys[-1], known, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else f"; valid: {', '.join(known) or 'none'}"
-        message = f"unknown setting of '{method.name}'{hint}"
-    return Problem(path, message[:1].lower() + message[1:], value)
-
-
-# Names by which pydantic refers to the members of a union in error locations.
-_UNION_TYPES = ("literal[", "function-", "tuple[", "list[", "nullable[")
-_UNION_MEMBERS = ("int", "float", "str", "constrained-int", "constrained-float", "constrained-str")
+def _words(method: Estimator, entry: ErrorDetails, path: str) -> str | None:
+    """Return the message for an unknown setting."""
+    if entry["type"] != "extra_forbidden":
+        return None
+    known = sorted(method.settings.model_fields)
+    hint = suggest_word(path, known) or f"; valid: {', '.join(known) or 'none'}"
+    return f"unknown setting of '{method.name}'{hint}"

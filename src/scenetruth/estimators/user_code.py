@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import difflib
 import importlib.util
 import inspect
 import sys
@@ -21,6 +20,7 @@ from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators.protocol import Method, MethodSettings
 from scenetruth.progress import Progress
 from scenetruth.schema import assemble_estimate, make_estimate
+from scenetruth.validation_problems import suggest_word
 
 __all__ = ["FunctionMethod", "is_user_file", "list_imported", "locate_exception", "with_imported"]
 
@@ -183,8 +183,7 @@ def _reject_unknown_quantities(found: Mapping[Any, Any]) -> None:
     problems = []
     for name in found:
         if name not in known:
-            near = difflib.get_close_matches(str(name), known, n=1)
-            hint = f"; did you mean '{near[0]}'?" if near else "."
+            hint = suggest_word(str(name), known) or "."
             problems.append(Problem(str(name), f"is not a quantity of an estimate{hint} Valid: {', '.join(known)}"))
     if problems:
         raise EstimateError(problems)

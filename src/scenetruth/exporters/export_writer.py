@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import os
 from collections.abc import Iterator, Mapping
@@ -12,6 +11,7 @@ from typing import Any
 
 import xarray as xr
 from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 
 from scenetruth.errors import ExportError, Problem, RecordingError
 from scenetruth.exporters.export_source import ExportSource
@@ -19,6 +19,7 @@ from scenetruth.exporters.format_base import ExportFormat, load_formats
 from scenetruth.output import OwnershipResult, check_output, describe_foreign_files, write_atomically
 from scenetruth.schema import check_dataset, check_same_run, read_lineage
 from scenetruth.validated_model import field_docstrings
+from scenetruth.validation_problems import list_problems, suggest_word
 
 __all__ = ["ExportResult", "checked_source", "choose_format", "export_data", "export_formats", "write_export"]
 
@@ -111,7 +112,7 @@ def choose_format(name: str, options: Mapping[str, Any]) -> ExportFormat:
     try:
         return model.model_validate({"kind": str(name).lower(), **options})
     except ValidationError as error:
-        raise ExportError(list(_option_problems(model, error)), source=f"options of {str(name).lower()}") from None
+        raise ExportError(_option_problems(model, options, error), source=f"options of {str(name).lower()}") from None
 
 
 def export_data(
@@ -157,7 +158,8 @@ def _find_format(name: str) -> type[ExportFormat]:
     known = load_formats()
     model = known.get(str(name).lower())
     if model is None:
-        raise ExportError([Problem("format", f"{_meant(str(name), known)}must be one of {', '.join(known)}", name)])
+        message = f"must be one of {', '.join(known)}{suggest_word(str(name), known)}"
+        raise ExportError([Problem("format", message, name)])
     return model
 
 
@@ -203,23 +205,17 @@ def _fit_problems(source: ExportSource) -> Iterator[Problem]:
         yield Problem("t", "of the maps must be frames of the recording", maps["t"].values.tolist())
 
 
-def _option_problems(model: type[ExportFormat], error: ValidationError) -> Iterator[Problem]:
+def _option_problems(model: type[ExportFormat], options: Mapping[str, Any], error: ValidationError) -> list[Problem]:
     names = [name for name in model.model_fields if name != "kind"]
-    for entry in error.errors(include_url=False):
-        path = ".".join(map(str, entry["loc"]))
+
+    def words(entry: ErrorDetails, path: str) -> str | None:
         if entry["type"] == "extra_forbidden":
             offered = f"options are {', '.join(names)}" if names else "it has no options"
-            yield Problem(path, f"{_meant(path, names)}is not an option of this format; {offered}", entry["input"])
-        else:
-            text = " ".join(field_docstrings(model).get(path, "").split())
-            yield Problem(
-                path, f"{entry['msg'][:1].lower()}{entry['msg'][1:]}" + (f"; {text}" if text else ""), entry["input"]
-            )
+            return f"is not an option of this format; {offered}" + suggest_word(path, names)
+        text = " ".join(field_docstrings(model).get(path, "").split())
+        return f"{entry['msg']}; {text}" if text and path in names else None
 
-
-def _meant(name: str, known: Any) -> str:
-    close = difflib.get_close_matches(name, list(known), n=1)
-    return f"did you mean '{close[0]}'? It " if close else ""
+    return list_problems(error, options, words=words)
 
 
 def _meta(source: ExportSource, chosen: ExportFormat, notes: list[str], files: list[str]) -> dict[str, Any]:

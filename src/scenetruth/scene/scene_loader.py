@@ -17,8 +17,9 @@ from scenetruth.estimators import choose
 from scenetruth.input_files import bundled_file, validation_context
 from scenetruth.plain_data import plain_problems
 from scenetruth.scene.scene_models import Scene
-from scenetruth.scene.suggestions import collect_keys, list_kinds, suggest_key, suggest_setting, suggest_word
+from scenetruth.scene.suggestions import suggest_key, suggest_setting
 from scenetruth.scene.yaml_reader import MAX_YAML_BYTES, InputProblemError, read_file, read_yaml
+from scenetruth.validation_problems import list_problems, suggest_word
 
 __all__ = ["Overrides", "SceneLike", "apply_overrides", "load_scene", "read_input"]
 
@@ -121,7 +122,7 @@ def _read_scene(plain: Any, source: str | Path | None = None, folder: Path | Non
     try:
         scene = Scene.model_validate(validated, context=validation_context(folder))
     except ValidationError as error:
-        raise SceneError([*_build_problems(error, plain), *problems], source=source) from error
+        raise SceneError([*list_problems(error, plain, model=Scene, words=_words), *problems], source=source) from error
     if problems:
         raise SceneError(problems, source=source)
     return scene
@@ -222,112 +223,25 @@ def _in_estimate(problem: Problem) -> Problem:
     if message.startswith("unknown setting"):
         message += suggest_setting(problem.path)
     elif message.startswith("input should be '"):
-        message += suggest_word(problem.value, message)
+        message += suggest_word(problem.value, re.findall(r"'([^']*)'", message))
     return Problem(".".join(filter(None, ("estimate", problem.path))), message, problem.value)
 
 
-def _build_problems(error: ValidationError, plain: Mapping[str, Any]) -> list[Problem]:
-    found: dict[tuple[str, str], tuple[str, Problem]] = {}
-    entries = error.errors(include_url=False)
-    for entry in entries[:_MAX_PROBLEMS]:
-        path = _path_in(plain, entry["loc"], entry["type"])
-        message, value = _build_message(entry, path), entry.get("input")
-        # Missing values cannot be displayed.
-        shown = None if entry["type"] == "missing" or value in ((), []) else value
-        problem = Problem(path, message[:1].lower() + message[1:], shown)
-        found.setdefault((path, problem.message), (entry["type"], problem))
-    problems = _joined(list(found.values()))
-    if any(entry["type"] == "missing" or entry.get("input") in ((), []) for entry in entries):
-        # A missing field may be present under a misspelt key, which is reported first.
-        problems.sort(key=lambda one: "." in one.path or not one.message.startswith("unknown key; did you mean"))
-    if len(entries) > _MAX_PROBLEMS:
-        problems.append(Problem("", f"{len(entries) - _MAX_PROBLEMS:,} more problems are omitted; fix these first"))
-    return problems
-
-
-def _has_decimal_comma(value: Any) -> bool:
-    return isinstance(value, str) and re.fullmatch(r"\s*[+-]?\d+,\d+\s*", value) is not None
-
-
-_MAX_PROBLEMS = 100  # suggestions take some milliseconds per problem
-
-
-def _build_message(entry: ErrorDetails, path: str) -> str:
+def _words(entry: ErrorDetails, path: str) -> str | None:
+    """Return the message of a problem that only scenes have."""
     message, value = entry["msg"].removeprefix("Value error, "), entry.get("input")
     match entry["type"]:
         case "extra_forbidden":
             return "unknown key" + suggest_key(entry["loc"])
         case "missing":
-            return "is missing"
+            return None
         case _ if path == "format":
             return "unsupported format of scene files; this scenetruth version reads format 1: update scenetruth"
         case "bands" | "value_error" if path == "sensor":
             return message
         case _ if path == "sensor":
             named = value.get("kind") if isinstance(value, dict) else value
-            return (
-                "must be 'ideal', or a mapping with `kind` gaussian (the default), emva1288 or chain and its fields"
-                + suggest_word(named, "'ideal', 'gaussian', 'emva1288', 'chain'")
-            )
-        case "float_parsing" | "int_parsing" | "int_from_float" if _has_decimal_comma(value):
-            return f"must be a number with a decimal point: {str(value).strip().replace(',', '.')}"
-        case "float_parsing" | "int_parsing" if value in ("true", "false"):
-            return "must be a number, not a boolean; YAML reads yes, no, on and off as booleans, too"
-        case "too_long" if isinstance(value, list | tuple) and all(isinstance(each, int | float) for each in value):
-            return f"{message[:1].lower()}{message[1:]}; a decimal comma separates items: write 0.5, not 0,5"
-        case "literal_error":
-            return message + suggest_word(value, message)
-        case "union_tag_invalid":
-            kinds = entry["ctx"]["expected_tags"]
-            return f"unknown `kind`: '{entry['ctx']['tag']}' is not one of {kinds}" + suggest_word(
-                entry["ctx"]["tag"], kinds
-            )
-        case "union_tag_not_found":
-            return f"requires `kind`, one of {str(list_kinds(entry['loc']))[1:-1]}"
-    return message
-
-
-def _joined(found: Sequence[tuple[str, Problem]]) -> list[Problem]:
-    """Return one problem per value, because pydantic reports each alternative of a union separately."""
-    problems: list[Problem] = []
-    for kind, problem in found:
-        others = [other for entry, other in found if entry != "literal_error" and other.path == problem.path]
-        if kind == "literal_error":
-            # Problems inside a mapping are more specific than its mismatch with a literal.
-            if not others and not any(other.path.startswith(f"{problem.path}.") for _, other in found):
-                problems.append(problem)
-            continue
-        words = [
-            other.message.removeprefix("input should be ")
-            for entry, other in found
-            if entry == "literal_error" and other.path == problem.path
-        ]
-        message = " or ".join([problem.message.partition(", unable to parse")[0], *words]) if words else problem.message
-        problems.append(Problem(problem.path, message, problem.value))
-    return problems
-
-
-def _path_in(plain: Mapping[str, Any], loc: Sequence[str | int], kind_of_error: str) -> str:
-    """Return the path of a location as keys of the file, without the union members inserted by pydantic."""
-    keys, here = [], plain
-    for index, key in enumerate(loc):
-        # A field may have the name of the `kind` of its mapping (`file`); followed by more parts it is the `kind`.
-        below = index < len(loc) - 1 and isinstance(here, dict) and not isinstance(here.get(str(key)), dict | list)
-        named = isinstance(here, dict) and str(here.get("kind", "")).lower() == key
-        inside = isinstance(here, dict) and key in here and not (below and named)
-        listed = isinstance(here, list) and isinstance(key, int) and key < len(here)
-        if inside or listed:
-            here = here[key]  # type: ignore[index]
-        elif index < len(loc) - 1 or (kind_of_error != "missing" and _is_union_member(here, key)):
-            continue
-        keys.append(str(key))
-    return ".".join(keys)
-
-
-def _is_union_member(here: object, key: str | int) -> bool:
-    """Return whether the last part of a location is a union member rather than a field or an index."""
-    if isinstance(key, int):
-        return False
-    # A mapping that is invalid as a whole is reported under its `kind`, which may have the name of a field.
-    kind = here.get("kind") if isinstance(here, dict) else None
-    return key not in collect_keys() or (isinstance(kind, str) and kind.lower() == key)
+            kinds = ["ideal", "gaussian", "emva1288", "chain"]
+            remedy = "must be 'ideal', or a mapping with `kind` gaussian (the default), emva1288 or chain"
+            return f"{remedy} and its fields{suggest_word(named, kinds)}"
+    return None

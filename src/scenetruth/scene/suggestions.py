@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import difflib
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal, get_args, get_origin
@@ -13,12 +12,12 @@ from pydantic import BaseModel
 
 from scenetruth.estimators import MethodChoice, choose
 from scenetruth.scene.scene_models import Scene
+from scenetruth.validation_problems import listed, nearest_words, question
 
-__all__ = ["collect_keys", "list_kinds", "suggest_key", "suggest_setting", "suggest_word"]
+__all__ = ["collect_keys", "suggest_key", "suggest_setting"]
 
 _HERE, _ELSEWHERE = 0.6, 0.75
 """Minimum similarity of a suggested word, at the same location and elsewhere (higher, because there are more keys)."""
-_WITHOUT_UNIT = 0.9
 _MOST = 3  # suggestions of each type
 
 Path = tuple[str, ...]
@@ -45,58 +44,26 @@ def suggest_key(location: Sequence[str | int]) -> str:
     path, models = _place_at(around)
     here = sorted({name for model in models for name in _list_fields(model)})
     key = str(last)
-    guesses = [f"'{name}'" for name in _nearest(key, here, _HERE)]
+    guesses = [f"'{name}'" for name in nearest_words(key, here, _HERE)]
     others = sorted(
         {place.kind for place in _places() if place.path == _pattern(path) and key in _list_fields(place.model)}
     )
     if others:
-        return f"; it belongs to `kind` {_listed(others)}" + (_question(guesses) or _list_keys(here))
+        return f"; it belongs to `kind` {listed(others)}" + (question(guesses) or _list_keys(here))
     elsewhere = _where(key, path)
     if not guesses and not elsewhere:
-        elsewhere = [text for name in _nearest(key, collect_keys(), _ELSEWHERE) for text in _where(name, path)]
-    return _question(guesses + elsewhere[:_MOST]) or _list_keys(here)
-
-
-def list_kinds(location: Sequence[str | int]) -> list[str]:
-    """Return the valid discriminator values at a location, in order."""
-    return sorted(filter(None, {_get_kind(model) for model in _place_at(location)[1]}))
+        elsewhere = [text for name in nearest_words(key, collect_keys(), _ELSEWHERE) for text in _where(name, path)]
+    return question(guesses + elsewhere[:_MOST]) or _list_keys(here)
 
 
 def suggest_setting(name: str) -> str:
     """Return the location of a key that is not a method setting, as the end of a message, or an empty string."""
     belongs = [text for text in _where(name, ("estimate",)) if not text.startswith("'estimate.")]
-    return _question(belongs[:_MOST])
-
-
-def suggest_word(given: object, message: str) -> str:
-    """Return the closest of the allowed words quoted in a message, as its end, or an empty string."""
-    near = _nearest(given, re.findall(r"'([^']*)'", message), _HERE) if isinstance(given, str) else []
-    return _question([f"'{word}'" for word in near])
-
-
-def _nearest(word: str, words: Iterable[str], least: float) -> list[str]:
-    """Return the most similar words, ignoring case; several only for equal similarity."""
-    likeness = {known: _likeness(known.casefold(), word.casefold()) for known in words}
-    best = max(likeness.values(), default=0.0)
-    return sorted(known for known, ratio in likeness.items() if ratio == best)[:_MOST] if best >= least else []
+    return question(belongs[:_MOST])
 
 
 def _list_keys(here: Sequence[str]) -> str:
     return f"; valid keys: {', '.join(here)}" if here else "; see `scenetruth schema` for valid keys"
-
-
-def _likeness(known: str, word: str) -> float:
-    ratio = difflib.SequenceMatcher(None, known, word).ratio()
-    # Names without their unit suffix count as similar.
-    return max(ratio, _WITHOUT_UNIT) if known.startswith(f"{word}_") else ratio
-
-
-def _question(guesses: Sequence[str]) -> str:
-    return f"; did you mean {_listed(guesses)}?" if guesses else ""
-
-
-def _listed(texts: Sequence[str]) -> str:
-    return " or ".join(filter(None, (", ".join(texts[:-1]), texts[-1])))
 
 
 def _where(key: str, path: Sequence[str]) -> list[str]:
@@ -130,7 +97,7 @@ def _spelled(place: Path, key: str, kinds: set[str], path: Sequence[str]) -> str
     shared = _common(place, _pattern(path))
     text = f"'{'.'.join((*path[:shared], *place[shared:], key))}'"
     every = {other.kind for other in _places() if other.path == place}
-    return text if kinds == every else f"{text} of `kind` {_listed(sorted(kinds))}"
+    return text if kinds == every else f"{text} of `kind` {listed(sorted(kinds))}"
 
 
 def _place_at(location: Sequence[str | int]) -> tuple[list[str], list[type[BaseModel]]]:
@@ -168,9 +135,9 @@ def _walk(model: type[BaseModel], path: Path, kind: str, above: tuple[type[BaseM
     for name in _list_fields(model):
         inner = _list_models(model, name)
         several = len({found for _, found in inner}) > 1
-        for listed, found in inner:
+        for in_list, found in inner:
             if found not in above:
-                place = (*path, name, *(("N",) if listed else ()))
+                place = (*path, name, *(("N",) if in_list else ()))
                 yield from _walk(found, place, _get_kind(found) if several else kind, (*above, model))
 
 

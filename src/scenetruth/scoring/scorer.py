@@ -38,6 +38,7 @@ from scenetruth.scoring.statistics import (
     select_meaningful_rates,
 )
 from scenetruth.settings import ScoreSettings
+from scenetruth.validation_problems import list_problems
 
 __all__ = ["StatisticsAggregator", "local_contrast", "reference_images", "score", "score_settings"]
 
@@ -121,11 +122,7 @@ def score_settings(**settings: Any) -> ScoreSettings:
     try:
         return ScoreSettings(**settings)
     except ValidationError as error:
-        problems = [
-            Problem(".".join(map(str, entry["loc"])), entry["msg"].removeprefix("Value error, "), entry.get("input"))
-            for entry in error.errors()
-        ]
-        raise ScoreError(problems, source="settings") from error
+        raise ScoreError(list_problems(error, settings, model=ScoreSettings), source="settings") from error
 
 
 def score(

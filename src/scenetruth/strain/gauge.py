@@ -15,6 +15,7 @@ from pydantic import Field, ValidationError, field_validator
 
 from scenetruth.errors import Problem, ScoreError
 from scenetruth.validated_model import FrozenModel, NonNegative
+from scenetruth.validation_problems import list_problems
 
 __all__ = ["MEASURES", "StrainGauge", "StrainMeasure", "StrainSettings", "strain_settings"]
 
@@ -96,11 +97,7 @@ def strain_settings(settings: StrainSettings | Mapping[str, Any] | None) -> Stra
     try:
         return StrainSettings(**(settings or {}))
     except ValidationError as error:
-        problems = [
-            Problem(".".join(map(str, entry["loc"])), entry["msg"].removeprefix("Value error, "), entry.get("input"))
-            for entry in error.errors()
-        ]
-        raise ScoreError(problems, source="settings") from error
+        raise ScoreError(list_problems(error, settings, model=StrainSettings), source="settings") from error
 
 
 @dataclass(frozen=True)

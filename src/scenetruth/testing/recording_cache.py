@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import difflib
 import json
 import re
 import shutil
@@ -28,6 +27,7 @@ from scenetruth.scene import Scene, load_scene
 from scenetruth.scene.scene_loader import apply_overrides
 from scenetruth.settings import StorageSettings
 from scenetruth.storage import RECORDING, TRUTH, load_store, store_name
+from scenetruth.validation_problems import suggest_word
 
 __all__ = ["RecordingCache", "SimulatedRecording", "remove_entries"]
 
@@ -118,9 +118,8 @@ class RecordingCache:
         files = {file.stem: file for folder in reversed(folders) for file in sorted(folder.glob("*.yaml"))}
         if str(name) in files:
             return files[str(name)]
-        near = difflib.get_close_matches(str(name), list(files), n=1)
         message = f"no scene of this name in {' or '.join(map(str, folders))}"
-        message += f"; did you mean '{near[0]}'?" if near else "; specify the path of a scene file"
+        message += suggest_word(str(name), files) or "; specify the path of a scene file"
         if len(folders) == 1:
             message += " (the bundled scenes are available by name in a checkout only, not once installed)"
         raise SceneError([Problem("scene", message, str(name))])

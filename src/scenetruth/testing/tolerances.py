@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Collection, Iterator, Mapping
@@ -14,6 +13,7 @@ from typing import Any
 from scenetruth.errors import Problem, ScoreError
 from scenetruth.scoring import QUANTITIES, STATISTICS
 from scenetruth.testing.assertion_context import OutcomeRow
+from scenetruth.validation_problems import suggest_word
 
 __all__ = ["KEYS", "Limit", "LimitError", "LimitKey", "LimitOutcome", "evaluate_limit", "read_limits", "suggest_names"]
 
@@ -146,8 +146,7 @@ def read_limits(given: Mapping[str, Any], min_density: object = None) -> tuple[l
 
 def suggest_names(name: str, known: Collection[str]) -> str:
     """Return the closest name as the end of a message, or all names if none is similar."""
-    near = difflib.get_close_matches(name, list(known), n=1)
-    return f"; did you mean '{near[0]}'?" if near else f"; available: {', '.join(known)}"
+    return suggest_word(name, known) or f"; available: {', '.join(known)}"
 
 
 def _limits_for_quantity(

@@ -48,11 +48,11 @@ def test_missing_units_and_all_else_is_told_at_once(tmp_path: Path) -> None:
         load_catalogues([file, tmp_path / "none.yaml"])
     told = str(caught.value)
     for expected in (
-        "lenses.mine.focal_length: has no unit in its name; use focal_length_mm",
+        "lenses.mine.focal_length: unknown key; did you mean 'focal_length_mm'?",
         "lenses.mine.focal_length_mm: is missing",
         "cameras.mine: requires a preset, or quantum_efficiency, read_noise_e, bit_depth",
         "stages.mine.travel_mm: input should be a valid number",
-        "stages.mine.yaw: has no unit in its name; use yaw_urad",
+        "stages.mine.yaw: unknown key; did you mean 'yaw_urad'?",
         "lights: unknown key",
         "none.yaml: (top level): cannot be read",
     ):

@@ -115,7 +115,7 @@ def test_dots_that_cannot_be_are_told() -> None:
         generate_pattern(plain_rig(), size_mm=SIZE, coverage=0.7)
     with pytest.raises(ArgumentError, match=r"dot_mm: requires .* dots .* use a smaller one"):
         generate_pattern(plain_rig(), size_mm=(2000, 2000), dot_px=1)
-    with pytest.raises(ArgumentError, match=r"(?s)4 problems.*dots: is unknown.*coverage.*size_mm.*seed"):
+    with pytest.raises(ArgumentError, match=r"(?s)4 problems.*coverage.*dots: unknown key.*size_mm.*seed"):
         generate_pattern(plain_rig(), size_mm=(-1, 3), coverage=2, dots=3, seed=-1)
     with pytest.raises(ArgumentError, match="type: must be one of grey_noise, noise, speckle"):
         generate_pattern(plain_rig(), "stripes", size_mm=SIZE)

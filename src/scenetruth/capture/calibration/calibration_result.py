@@ -33,6 +33,7 @@ from scenetruth.errors import Problem
 from scenetruth.output import check_output, write_atomically
 from scenetruth.scene.yaml_reader import read_text, read_yaml
 from scenetruth.validated_model import Finite, FrozenModel, NonNegative
+from scenetruth.validation_problems import list_problems
 
 __all__ = ["RigCalibration"]
 
@@ -549,11 +550,7 @@ class RigCalibration:
         try:
             given = _CalibrationFile.model_validate(plain)
         except ValidationError as error:
-            listed = [
-                Problem(".".join(map(str, each["loc"])), each["msg"].removeprefix("Value error, "))
-                for each in error.errors()
-            ]
-            raise CalibrationError(listed, file) from error
+            raise CalibrationError(list_problems(error, plain, model=_CalibrationFile), file) from error
         return cls._from_file(given, file)
 
     @classmethod

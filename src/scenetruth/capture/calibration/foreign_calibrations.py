@@ -22,6 +22,7 @@ from scenetruth.capture.calibration.rig_model import CalibrationError
 from scenetruth.errors import EstimateWarning, Problem
 from scenetruth.output import write_atomically
 from scenetruth.schema.plausible_units import describe_rig
+from scenetruth.validation_problems import list_problems
 
 __all__ = ["export_calibration", "import_calibration", "import_camera"]
 
@@ -174,8 +175,7 @@ def _read_camera(
     except _UnrepresentableError as error:
         raise CalibrationError([Problem(f"camera {camera}", str(error))], file) from error
     except ValidationError as error:
-        listed = [Problem(".".join(map(str, each["loc"])), each["msg"]) for each in error.errors()]
-        raise CalibrationError(listed, file) from error
+        raise CalibrationError(list_problems(error), file) from error
     except (KeyError, IndexError, TypeError, ValueError) as error:
         if isinstance(error, CalibrationError):
             raise

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -16,6 +15,7 @@ from scenetruth.design.optimisation.design_records import DesignSpecError
 from scenetruth.errors import Problem
 from scenetruth.scene.yaml_reader import read_file
 from scenetruth.validated_model import FrozenModel, Name, NonNegative, Positive
+from scenetruth.validation_problems import list_problems
 
 __all__ = [
     "CameraEntry",
@@ -194,28 +194,4 @@ def _validate_catalogue(plain: Any, source: str) -> Catalogue:
     try:
         return Catalogue.model_validate(plain)
     except ValidationError as error:
-        raise DesignSpecError(list_catalogue_problems(error), source=source) from error
-
-
-def list_catalogue_problems(error: ValidationError) -> list[Problem]:
-    """Return the problems of a catalogue, with suggestions for field names without a unit."""
-    found = []
-    for entry in error.errors(include_url=False):
-        where = [str(key) for key in entry["loc"]]
-        message = str(entry["msg"]).removeprefix("Value error, ")
-        if entry["type"] == "extra_forbidden":
-            model = _MODELS.get(where[0]) if len(where) > 2 else None
-            message = _unknown(where[-1], list(model.model_fields) if model else list(Catalogue.model_fields))
-        elif entry["type"] == "missing":
-            message = "is missing"
-        value = None if entry["type"] == "missing" or len(where) < 3 else entry.get("input")
-        found.append(Problem(".".join(where), message[:1].lower() + message[1:], value))
-    return found
-
-
-def _unknown(key: str, known: Sequence[str]) -> str:
-    with_unit = [name for name in known if name.startswith(f"{key}_")]
-    if with_unit:
-        return f"has no unit in its name; use {' or '.join(with_unit)}"
-    near = difflib.get_close_matches(key, known, n=1)
-    return f"unknown key; did you mean '{near[0]}'?" if near else f"unknown key; valid keys: {', '.join(known)}"
+        raise DesignSpecError(list_problems(error, plain, model=Catalogue), source=source) from error

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import difflib
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -36,6 +35,7 @@ from scenetruth.scene import Scene, load_scene
 from scenetruth.scene.field_paths import PathError, assign, expand, value_at
 from scenetruth.scoring import QUANTITIES
 from scenetruth.scoring.quantities import get_title
+from scenetruth.validation_problems import suggest_word
 
 __all__ = ["OptimisationProblem", "prepare_problem"]
 
@@ -144,9 +144,8 @@ def _places(plain: Mapping[str, Any], path: str, problems: list[Problem]) -> tup
         for place in found:
             value_at(plain, place)
     except PathError as error:
-        near = difflib.get_close_matches(path, NAMED_VARIABLES, n=1)
         text = str(error).replace(", under 'set'", "")
-        problems.append(Problem(f"variables.{path}", f"{text}; did you mean '{near[0]}'?" if near else text))
+        problems.append(Problem(f"variables.{path}", text + suggest_word(path, NAMED_VARIABLES)))
         return ()
     return found
 
@@ -211,9 +210,8 @@ def _named(name: str, variable: DesignVariable, entries: CatalogueEntries, probl
     values = list(known) if variable.values == "all" else list(variable.values)
     for one in values:
         if one not in known:
-            near = difflib.get_close_matches(str(one), list(known), n=2)
-            text = f"did you mean {' or '.join(near)}?" if near else f"valid entries: {', '.join(known)}"
-            problems.append(Problem(f"variables.{name}", f"unknown catalogue entry; {text}", one))
+            text = suggest_word(str(one), known) or f"; valid entries: {', '.join(known)}"
+            problems.append(Problem(f"variables.{name}", f"unknown catalogue entry{text}", one))
     if any(one not in known for one in values):
         return None
     return Parameter(name, choices=tuple(dict.fromkeys(values)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from os import PathLike
@@ -20,6 +19,7 @@ from scenetruth.plain_data import plain_problems
 from scenetruth.scene import Overrides, read_input
 from scenetruth.scoring import QUANTITIES
 from scenetruth.validated_model import Finite, FrozenModel, Name, Positive
+from scenetruth.validation_problems import list_problems
 
 __all__ = [
     "CATALOGUES", "CONSTRAINT_MODULES", "NAMED_VARIABLES", "ConfirmationSpec", "DesignSpec", "DesignSpecLike",
@@ -271,7 +271,7 @@ class DesignSpec(FrozenModel):
         try:
             goal = cls.model_validate(dict(values), context=validation_context(folder))
         except ValidationError as error:
-            raise DesignSpecError(_list_problems(error, values), source=source) from error
+            raise DesignSpecError(list_problems(error, values, model=cls), source=source) from error
         problems = [*_find_contradictions(goal)]
         if problems:
             raise DesignSpecError(problems, source=source)
@@ -361,47 +361,3 @@ def _find_contradictions(spec: DesignSpec) -> Sequence[Problem]:
             message = f"contradicts constraints.{earlier[0] if earlier else number}: {one.title} must be at least"
             found.append(Problem(f"constraints.{number}", f"{message} {low:g} and at most {high:g} {one.unit}"))
     return found
-
-
-def _list_problems(error: ValidationError, plain: Mapping[str, Any]) -> list[Problem]:
-    found: dict[tuple[str, str], Problem] = {}
-    for entry in error.errors(include_url=False)[:100]:
-        path, inside = _path_in(plain, entry["loc"])
-        message = str(entry["msg"]).removeprefix("Value error, ")
-        if entry["type"] == "extra_forbidden":
-            message = "unknown key" + _suggest_key(str(entry["loc"][-1]), entry["loc"])
-        elif entry["type"] == "missing":
-            message = "is missing"
-        elif entry["type"] == "union_tag_invalid":
-            message = f"has an unknown type '{entry['ctx']['tag']}'; valid types: {entry['ctx']['expected_tags']}"
-        elif entry["type"] == "union_tag_not_found":
-            message = "requires the key `kind`, for example `{kind: stage_travel, max: 50}`"
-        value = None if entry["type"] == "missing" or not inside else entry.get("input")
-        found.setdefault((path, message), Problem(path, message[:1].lower() + message[1:], value))
-    return list(found.values())
-
-
-def _suggest_key(key: str, loc: Sequence[Any]) -> str:
-    if len(loc) != 1:
-        return ""
-    near = difflib.get_close_matches(key, list(DesignSpec.model_fields), n=1)
-    return f"; did you mean '{near[0]}'?" if near else f"; valid keys: {', '.join(DesignSpec.model_fields)}"
-
-
-def _path_in(plain: Any, loc: Sequence[Any]) -> tuple[str, bool]:
-    """Return a location as keys of the file, without the type tags that pydantic inserts, and whether it has any."""
-    keys, here = list[str](), plain
-    for index, key in enumerate(loc):
-        inside = isinstance(here, Mapping) and key in here
-        listed = isinstance(here, list | tuple) and isinstance(key, int) and key < len(here)
-        if inside or listed:
-            here = here[key]
-        elif index < len(loc) - 1 or (isinstance(here, Mapping) and here.get("kind") == key) or _is_type(key, here):
-            continue
-        keys.append(str(key))
-    return ".".join(keys), bool(keys)
-
-
-def _is_type(key: Any, here: Any) -> bool:
-    """Return whether a last key is the name of a type that pydantic inserts."""
-    return isinstance(key, str) and not isinstance(here, Mapping | list | tuple) and (key == "str" or "[" in key)

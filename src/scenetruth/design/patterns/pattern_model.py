@@ -13,6 +13,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from scenetruth.errors import Problem
 from scenetruth.validated_model import FrozenModel
+from scenetruth.validation_problems import list_problems
 
 __all__ = [
     "Box",
@@ -36,23 +37,7 @@ def validate_values(
     try:
         return model.model_validate(dict(values)), []
     except ValidationError as error:
-        known = ", ".join(sorted(set(model.model_fields) - {"kind"}))
-        return None, list_problems(error, path, known)
-
-
-def list_problems(error: ValidationError, path: str, known: str) -> list[Problem]:
-    """Return the problems of a validation error."""
-    found = []
-    for entry in error.errors():
-        where = ".".join([path, *map(str, entry["loc"])] if path else map(str, entry["loc"]))
-        message = entry["msg"].removeprefix("Value error, ").replace("Input should", "should")
-        if entry["type"] == "missing":
-            found.append(Problem(where, "is missing"))
-            continue
-        if entry["type"] == "extra_forbidden":
-            message = f"is unknown; choose {known}"
-        found.append(Problem(where, message, entry.get("input")))
-    return found
+        return None, list_problems(error, values, model=model, under=path)
 
 
 Array = NDArray[np.float64]

@@ -17,6 +17,7 @@ from scenetruth.discovery import classes_in
 from scenetruth.errors import ArgumentError, Problem
 from scenetruth.scene import Scene
 from scenetruth.validated_model import FrozenModel, NonNegative
+from scenetruth.validation_problems import list_problems
 
 __all__ = [
     "Calibration",
@@ -91,16 +92,7 @@ def resolve_calibration(given: Any) -> Calibration:
     try:
         return Calibration.model_validate({**_PERFECT.model_dump(), **given})
     except ValidationError as error:
-        problems = [
-            Problem(
-                ".".join(["calibration", *map(str, entry["loc"])]),
-                f"is unknown; choose {', '.join(Calibration.model_fields)}"
-                if entry["type"] == "extra_forbidden"
-                else entry["msg"][:1].lower() + entry["msg"][1:],
-                entry.get("input"),
-            )
-            for entry in error.errors(include_url=False)
-        ]
+        problems = list_problems(error, given, model=Calibration, under="calibration")
         raise ArgumentError(problems, source="an uncertainty budget") from error
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping
@@ -16,6 +15,7 @@ from scenetruth.estimators import Estimator
 from scenetruth.testing.conformance.bench import ConformanceBench, ConformanceCheck
 from scenetruth.testing.conformance.map_comparison import CheckFailure, NotApplicable
 from scenetruth.validated_model import FrozenModel
+from scenetruth.validation_problems import suggest_word
 
 __all__ = [
     "CheckOutcome",
@@ -354,6 +354,4 @@ def _names(path: str, given: str | Iterable[str]) -> list[str]:
 
 
 def _unknown(name: str, checks: Mapping[str, EstimatorCheck]) -> str:
-    near = difflib.get_close_matches(name, checks, n=1)
-    hint = f"did you mean '{near[0]}'?" if near else f"available: {', '.join(sorted(checks))}"
-    return f"no such check; {hint}"
+    return "no such check" + (suggest_word(name, checks) or f"; available: {', '.join(sorted(checks))}")
