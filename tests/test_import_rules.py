@@ -144,7 +144,8 @@ SCENE_MAY_IMPORT = {
     "field_paths": set(),
     "suggestions": {"scene_models"},
     "yaml_reader": set(),
-    "scene_loader": {"yaml_reader", "scene_models", "suggestions"},
+    "scene_repair": {"texture", "material", "scene_models"},
+    "scene_loader": {"yaml_reader", "scene_models", "scene_repair", "suggestions"},
     "built_scene": {
         *("taylor", "motion", "deformation", "mesh", "surface_tensor_kernels", "reference_configuration"),
         *("vertex_animation", "texture", "material", "scene_object", "scene_models", "band_textures"),

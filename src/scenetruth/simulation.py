@@ -21,12 +21,11 @@ from scenetruth.progress import Progress
 from scenetruth.provenance import blank_recording, build_schedule, provenance_attributes, recording_hash
 from scenetruth.random_streams import generator_for
 from scenetruth.render import Renderer, choose_renderer
-from scenetruth.resources import Limits, refuse_beyond_limits
-from scenetruth.scene import Overrides, SceneLike, load_scene
-from scenetruth.scene.built_scene import BuiltScene, build_scene
+from scenetruth.resources import Limits, build_checked_scene, load_checked_scene, refuse_beyond_limits
+from scenetruth.scene import Overrides, SceneLike
+from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.lighting import Lighting
 from scenetruth.scene.scene_models import Scene
-from scenetruth.scene.scene_report import check_scene
 from scenetruth.schema import IncrementalDataset, Put
 from scenetruth.storage import RECORDING, SCENE, TRUTH, StoreWriter, store_name
 from scenetruth.threads import in_order, with_one_blas_thread
@@ -157,7 +156,7 @@ def simulate(
     (('t', 'y', 'x'), 100.0, 3.0)
     """
     refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
-    scene = load_scene(scene, overrides=overrides)
+    scene = load_checked_scene(scene, overrides=overrides, limits=limits or Limits())
     refuse_beyond_limits(scene, limits)
     choice = TruthOptions(truth_views, truth_poses, truth_content)
     work = _Work(scene, save_radiance=save_radiance, progress=progress)
@@ -230,10 +229,9 @@ def make_truth(
     (100.0, 3.0)
     """
     refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
-    scene = load_scene(scene, overrides=overrides)
+    scene = load_checked_scene(scene, overrides=overrides, limits=limits or Limits())
     refuse_beyond_limits(scene, limits)
-    world = build_scene(scene)
-    check_scene(scene, world)
+    world = build_checked_scene(scene)
     choice = TruthOptions(truth_views, truth_poses, truth_content)
     light = _light_of(scene, world, choice)
     return truth_from_world(scene, world, choice, provenance_attributes(scene), progress, light)
@@ -290,8 +288,7 @@ class _Work:
 
     def __init__(self, scene: Scene, *, save_radiance: bool, progress: Progress | None) -> None:
         self.scene, self.save_radiance, self.progress = scene, save_radiance, progress
-        self.world = build_scene(scene)
-        check_scene(scene, self.world)
+        self.world = build_checked_scene(scene)
         self.provenance = provenance_attributes(scene)
         self.warnings: list[str] = []
         sensor, shape = build_sensor_chain(scene.sensor), (scene.camera.height, scene.camera.width)

@@ -12,7 +12,7 @@ from pydantic_core import ErrorDetails
 
 from scenetruth.errors import Problem
 
-__all__ = ["list_problems", "listed", "nearest_words", "path_in", "question", "suggest_word"]
+__all__ = ["keys_in", "list_problems", "listed", "nearest_words", "question", "suggest_word"]
 
 Words = Callable[[ErrorDetails, str], str | None]
 """Return the message of an entry at a path, where a format has words of its own; None for those of all formats."""
@@ -27,7 +27,7 @@ _KEY = "[key]"
 
 
 def list_problems(
-    error: ValidationError,
+    error: ValidationError | Sequence[ErrorDetails],
     plain: Any = None,
     *,
     model: type[BaseModel] | None = None,
@@ -36,15 +36,16 @@ def list_problems(
 ) -> list[Problem]:
     """Return the problems of a validation, one per value, misspelt keys before those that are missing for their sake.
 
+    ``error``: The error of the validation, or entries of it.
     ``plain``: The input; without it, paths have the union members that pydantic inserts.
     ``model``: Model of the whole input, for suggestions of keys.
     ``under``: Path of the input in its file.
     """
-    entries = error.errors(include_url=False)
+    entries = error.errors(include_url=False) if isinstance(error, ValidationError) else error
     found: dict[tuple[str, str], tuple[str, Problem]] = {}
     for entry in entries[:_MOST_PROBLEMS]:
         loc, value = entry["loc"], entry.get("input")
-        inside = ".".join(map(str, loc)) if plain is None else path_in(plain, loc, entry["type"], model)
+        inside = ".".join(map(str, loc) if plain is None else keys_in(plain, loc, entry["type"], model))
         path = ".".join(filter(None, (under, inside)))
         message = (words(entry, path) if words else None) or _message(entry, path, model)
         hidden = entry["type"] == "missing" or not path or value in ((), []) or isinstance(value, BaseModel)
@@ -58,8 +59,8 @@ def list_problems(
     return problems
 
 
-def path_in(plain: Any, loc: Sequence[str | int], kind: str = "", model: type[BaseModel] | None = None) -> str:
-    """Return the path of a location as keys of the input, without the union members that pydantic inserts.
+def keys_in(plain: Any, loc: Sequence[str | int], kind: str = "", model: type[BaseModel] | None = None) -> list[str]:
+    """Return a location as keys of the input, without the union members that pydantic inserts.
 
     ``kind``: Type of the error.
     """
@@ -77,7 +78,7 @@ def path_in(plain: Any, loc: Sequence[str | int], kind: str = "", model: type[Ba
         elif not last or (kind != "missing" and _is_union_member(here, key, loc, model)):
             continue
         keys.append(str(key))
-    return ".".join(keys)
+    return keys
 
 
 def _is_union_member(here: Any, key: str | int, loc: Sequence[str | int], model: type[BaseModel] | None) -> bool:

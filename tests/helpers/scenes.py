@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -80,3 +81,37 @@ def plaid(wavelength_px: float, velocity: tuple[float, float, float], **changes:
         "estimate": {"working_point_px": 0},
     }
     return Scene.from_dict(plain | changes)
+
+
+IES = "IESNA:LM-63-2002\nTILT=NONE\n1 1000 1 2 1 1 2 0 0 0 1 1 10\n0 90\n0\n100 50\n"
+
+
+def bright_scene(folder: Path) -> dict[str, Any]:
+    """Return a scene with two bands, three lamps, and objects of which each has a value that could be wrong."""
+
+    def lamp(**fields: Any) -> dict[str, Any]:
+        return {**fields, "irradiance": {"red": 1.0, "nir": 0.5}, "reference_distance_mm": 300}
+
+    (folder / "lamp.ies").write_text(IES)
+    (folder / "none.ies").write_text("no lamp")
+    sheet = {"mesh": {"kind": "plane", "size_mm": [40, 40]}, "texture": {"kind": "uniform", "radiance": 0.4}}
+    places = {"box": [-60, 0, 420], "varnish": [60, 0, 430], "foil": [0, -50, 440], "leaf": [0, 50, 450]}
+    objects = [{"name": name, **deepcopy(sheet), "pose": {"position_mm": place}} for name, place in places.items()]
+    objects[0]["mesh"] = {"kind": "box", "size_mm": [40, 40, 40]}
+    objects[1]["material"] = {"refractive_index": 1.5}
+    objects[2]["material"] = {"roughness": 0.3, "refractive_index": 1.4}
+    objects[3] |= {"material": {"transmittance": {"red": 0.1, "nir": 0.8}}, "tint": {"red": 0.4, "nir": 1.0}}
+    return {
+        "camera": {"width": 64, "height": 48, "focal_length_px": 90, "bands": ["red", "nir"]},
+        "stage": {"positions": 3, "baseline_mm": 2},
+        "frames": {"count": 2},
+        "objects": objects,
+        "lighting": {
+            "lights": [
+                lamp(kind="point", position_mm=[0, -200, 0]),
+                lamp(kind="sphere", position_mm=[100, 0, 0], radius_mm=5),
+                lamp(kind="ies", file=str(folder / "lamp.ies"), position_mm=[0, -100, 0], direction=[0, 0, 1]),
+            ]
+        },
+        "estimate": {"method": "structure_tensor"},
+    }

@@ -25,10 +25,9 @@ from scenetruth.provenance import build_schedule, own_release, scene_hash
 from scenetruth.random_streams import generator_for
 from scenetruth.render import choose_renderer
 from scenetruth.render.renderer import Renderer
-from scenetruth.resources import Limits, refuse_beyond_limits
-from scenetruth.scene import Overrides, SceneLike, load_scene
+from scenetruth.resources import Limits, build_checked_scene, load_checked_scene, refuse_beyond_limits
+from scenetruth.scene import Overrides, SceneLike
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.scene.scene_report import check_scene
 from scenetruth.simulation import make_truth
 from scenetruth.storage import TRUTH, is_store, save_store, store_name
 
@@ -108,9 +107,9 @@ def simulate_capture(
     ['p00_s+0.tif', 'p00_s+1.tif', 'p00_s-1.tif']
     """
     given = read_settings(settings)
-    loaded = load_scene(scene, overrides=overrides)
+    loaded = load_checked_scene(scene, overrides=overrides, limits=limits or Limits())
     refuse_beyond_limits(loaded, limits)
-    check_scene(loaded, build_scene(loaded))
+    build_checked_scene(loaded)
     plan = plan_capture(loaded, given)
     identity = {
         "format": 1,

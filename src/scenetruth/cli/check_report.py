@@ -37,15 +37,23 @@ _MOST_PRECISE = "refined"
 def print_check(scene: Scene, file: Path, limits: Limits, *, as_json: bool = False) -> None:
     """Validate a scene, and print the size of its results and the required resources, as tables or as JSON."""
     from scenetruth.pipeline import STAGES, compute_method_workload, run_problems
-    from scenetruth.resources import compute_workload, estimate_cost, inspect_machine, limited_objects, machine_problems
+    from scenetruth.resources import (
+        compute_workload,
+        estimate_cost,
+        inspect_machine,
+        limited_objects,
+        machine_problems,
+        raising_all_problems,
+    )
     from scenetruth.resources.limits import find_unit_errors
     from scenetruth.resources.quick_preview import make_quick_preview, without_interior
     from scenetruth.scene.scene_report import describe_scene
 
     try:
         parts = limited_objects(scene, limits)
-        preview = make_quick_preview(scene, parts)
-        report = describe_scene(scene, preview.world, preview.depth, preview.times)
+        with raising_all_problems(scene):
+            preview = make_quick_preview(scene, parts)
+            report = describe_scene(scene, preview.world, preview.depth, preview.times)
     except SceneError as error:
         raise SceneError(error.problems, source=file) from error
     demand = replace(compute_workload(scene, parts), effort=compute_method_workload([scene.estimate]))

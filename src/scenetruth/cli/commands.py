@@ -303,8 +303,8 @@ def _run(
     with reporting() as reporter, open_figure_worker(helpers) as helper:
         # The first import of the libraries takes seconds: both processes import them simultaneously.
         from scenetruth.pipeline import run_pipeline
-        from scenetruth.resources.limits import limits_from
-        from scenetruth.scene import load_scene
+        from scenetruth.resources import limits_from, load_checked_scene
+        from scenetruth.scene.scene_loader import read_scene
 
         changes = [*(overrides or ()), *_estimate_fields(settings)]
         chosen: list[MethodLike] = list(dict.fromkeys(methods))
@@ -313,10 +313,10 @@ def _run(
             fields = [change for change in changes if change.startswith("estimate.")]
             changes = [change for change in changes if change not in fields]
             chosen = [_with_settings(methods[0], fields)]
-        elif len(methods) == 1 and methods[0] != load_scene(file).estimate.method:
+        elif len(methods) == 1 and ((own := read_scene(file).scene) is None or methods[0] != own.estimate.method):
             changes.insert(0, f"estimate={{method: {json.dumps(methods[0])}}}")
-        loaded = options.choose_band(load_scene(file, overrides=changes), band)
         allowed = limits_from(limits or ())
+        loaded = options.choose_band(load_checked_scene(file, overrides=changes, limits=allowed), band)
         try:
             return run_pipeline(
                 loaded,
@@ -408,10 +408,11 @@ def check(
 ) -> None:
     """Validate a scene, and predict the size of its results and the resources they need."""
     from scenetruth.cli.check_report import print_check
-    from scenetruth.resources.limits import limits_from
-    from scenetruth.scene import load_scene
+    from scenetruth.resources import limits_from, load_checked_scene
 
-    print_check(load_scene(scene, overrides=overrides or ()), scene, limits_from(limits or ()), as_json=as_json)
+    allowed = limits_from(limits or ())
+    loaded = load_checked_scene(scene, overrides=overrides or (), limits=allowed)
+    print_check(loaded, scene, allowed, as_json=as_json)
 
 
 def list_(kind: options.Listed, *, as_json: options.Json = False) -> None:

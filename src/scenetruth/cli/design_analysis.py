@@ -49,8 +49,7 @@ def budget(
     from scenetruth.design.uncertainty import budget as make_budget
     from scenetruth.design.uncertainty.source import resolve_calibration
     from scenetruth.errors import Problem, RecipeError
-    from scenetruth.resources.limits import limits_from
-    from scenetruth.scene import load_scene
+    from scenetruth.resources import limits_from, load_checked_scene
 
     values = {
         "focal_length_percent": focal_length_percent,
@@ -59,7 +58,7 @@ def budget(
     }
     given = {name: value for name, value in values.items() if value is not None}
     known = resolve_calibration({**resolve_calibration(calibration.value).model_dump(), **given})
-    loaded = options.choose_band(load_scene(scene, overrides=overrides or ()), band)
+    loaded = options.choose_band(load_checked_scene(scene, overrides=overrides or ()), band)
     chosen = options.read_settings(settings)
     with reporting() as reporter:
         found = make_budget(
@@ -148,11 +147,10 @@ def predict(
     from scenetruth.design.prediction.method_models import all_method_models
     from scenetruth.design.prediction.prediction_result import write_prediction
     from scenetruth.errors import Problem, SceneError
-    from scenetruth.resources.limits import limits_from
-    from scenetruth.scene import load_scene
+    from scenetruth.resources import limits_from, load_checked_scene
 
     window = _prediction_settings(settings)
-    loaded = options.choose_band(load_scene(scene, overrides=overrides or ()), band)
+    loaded = options.choose_band(load_checked_scene(scene, overrides=overrides or ()), band)
     allowed = limits_from(limits or ())
     own = loaded.estimate.method if loaded.estimate.method in all_method_models() else "refined"
     with reporting():

@@ -25,9 +25,10 @@ from scenetruth.resources import (
     estimate_cost,
     inspect_machine,
     limited_objects,
+    load_checked_scene,
     refuse_resources,
 )
-from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
+from scenetruth.scene import Overrides, Scene, SceneLike
 from scenetruth.schema import digest
 
 if TYPE_CHECKING:
@@ -173,7 +174,8 @@ def run_pipeline(
     refuse_arguments(scene, *truth, progress)
     specs = read_methods(methods) if methods else []
     with offered_methods(specs):
-        loaded = load_scene(scene, overrides=overrides)
+        allowed = (limits or Limits()) if "render" in stages else None
+        loaded = load_checked_scene(scene, overrides=overrides, limits=allowed)
         return _run_stages(
             loaded,
             Path(output),

@@ -2,33 +2,109 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from scenetruth.errors import MachineError, Problem, SceneError
 from scenetruth.resources.cost_estimate import Forecast
 from scenetruth.resources.limits import Limits
+from scenetruth.resources.quick_preview import preview_with_problems
 from scenetruth.resources.system import Machine
 from scenetruth.resources.workload import ObjectWorkload, limit_problems, list_object_workloads, object_problems
+from scenetruth.scene.built_scene import BuiltScene, build_scene
+from scenetruth.scene.scene_loader import Overrides, SceneLike, read_scene
 from scenetruth.scene.scene_models import Scene
-from scenetruth.scene.scene_report import find_setting_problems
+from scenetruth.scene.scene_report import check_scene, find_problems_of_contents, find_setting_problems
 
-__all__ = ["limited_objects", "machine_problems", "refuse_beyond_limits", "refuse_resources"]
+__all__ = [
+    "build_checked_scene",
+    "find_problems",
+    "limited_objects",
+    "load_checked_scene",
+    "machine_problems",
+    "raising_all_problems",
+    "refuse_beyond_limits",
+    "refuse_resources",
+]
 
 _GB = 1e9
 _HOUR_S = 3600.0
 
 
+def load_checked_scene(scene: SceneLike, *, overrides: Overrides = (), limits: Limits | None = None) -> Scene:
+    """Load a scene as `load_scene` does; the error of an invalid scene also lists the problems of its contents.
+
+    ``limits``: Limits that its contents must meet; None if they are not checked here.
+    """
+    reading = read_scene(scene, overrides=overrides)
+    if reading.problems and reading.remainder is not None:
+        rest = reading.remainder
+        problems = _joined(reading.problems, find_problems(rest.scene, limits, without=rest.shapeless))
+        raise SceneError(problems, source=reading.source)
+    return reading.required()
+
+
+def build_checked_scene(scene: Scene, *, painted: bool = True) -> BuiltScene:
+    """Build a scene for rendering, or raise an error with the problems of all objects and lamps."""
+    with raising_all_problems(scene):
+        world = build_scene(scene, painted=painted)
+        check_scene(scene, world)
+    return world
+
+
+@contextmanager
+def raising_all_problems(scene: Scene) -> Iterator[None]:
+    """Add all other problems of a scene within its limits to those of an error of the first of several checks."""
+    try:
+        yield
+    except SceneError as error:
+        raise SceneError(_joined(error.problems, find_problems(scene, None)), source=error.source) from error
+
+
+def _joined(first: Sequence[Problem], more: Sequence[Problem]) -> list[Problem]:
+    """Return problems, without those of quick checks at paths of the first."""
+    paths = {problem.path for problem in first}
+    return [*first, *(problem for problem in more if problem.path not in paths)]
+
+
+def find_problems(
+    scene: Scene, limits: Limits | None, folder: Path = Path(), *, without: Collection[str] = ()
+) -> list[Problem]:
+    """Return all problems of the contents of a scene, from quick checks.
+
+    ``limits``: None if exceeded limits are no problems. ``without``: Paths of objects and plants that are not examined.
+    """
+    most = limits or Limits()
+    beyond = limit_problems(scene, most)
+    if beyond:
+        # With this many objects, the individual checks are skipped.
+        return [*(beyond if limits else ()), *find_setting_problems(scene)]
+    parts, wrong = list_object_workloads(scene, folder)
+    parts = [part for part in parts if not _is_within(part.path, without)]
+    # The file of a texture does not depend on the shape.
+    wrong = [each for each in wrong if each.path.endswith(".file") or not _is_within(each.path, without)]
+    beyond = object_problems(parts, most)
+    parts = [part for part in parts if not object_problems([part], most)]
+    found = [*wrong, *(beyond if limits else ())]
+    if not parts:
+        return _joined(found, find_setting_problems(scene))
+    preview, moving = preview_with_problems(scene, parts, folder)
+    return _joined(found, [*moving, *find_problems_of_contents(scene, preview.world, preview.times)])
+
+
+def _is_within(path: str, items: Collection[str]) -> bool:
+    """Return whether a path leads into one of several objects or plants."""
+    return ".".join(path.split(".")[:2]) in items
+
+
 def limited_objects(scene: Scene, limits: Limits, folder: Path = Path()) -> list[ObjectWorkload]:
     """Return the objects of a scene with their workloads, or raise if the scene exceeds a limit."""
-    problems = limit_problems(scene, limits)
-    if problems:
-        # With this many objects, the individual checks are skipped.
-        raise SceneError(problems)
-    parts, wrong = list_object_workloads(scene, folder)
-    problems = [*wrong, *object_problems(parts, limits)]
-    if problems:
-        raise SceneError([*problems, *find_setting_problems(scene)])
-    return parts
+    if not limit_problems(scene, limits):
+        parts, wrong = list_object_workloads(scene, folder)
+        if not wrong and not object_problems(parts, limits):
+            return parts
+    raise SceneError(find_problems(scene, limits, folder))
 
 
 def refuse_beyond_limits(scene: Scene, limits: Limits | None = None, folder: Path = Path()) -> None:

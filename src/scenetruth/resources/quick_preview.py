@@ -28,7 +28,7 @@ from scenetruth.scene.texture import Painted
 from scenetruth.scene.texture.procedural_textures import UniformTexture
 from scenetruth.scene.vertex_animation import VertexModel
 
-__all__ = ["QuickPreview", "make_quick_preview", "without_interior"]
+__all__ = ["QuickPreview", "make_quick_preview", "preview_with_problems", "without_interior"]
 
 # Widths of the preview image; where many triangles overlap, the next smaller width is used.
 _WIDTHS_PX = (96, 48, 24)
@@ -65,6 +65,16 @@ class QuickPreview:
 
 def make_quick_preview(scene: Scene, parts: Sequence[ObjectWorkload], folder: Path = Path()) -> QuickPreview:
     """Compute the quick preview of a scene."""
+    preview, problems = preview_with_problems(scene, parts, folder)
+    if problems:
+        raise SceneError(problems)
+    return preview
+
+
+def preview_with_problems(
+    scene: Scene, parts: Sequence[ObjectWorkload], folder: Path = Path()
+) -> tuple[QuickPreview, list[Problem]]:
+    """Return the quick preview of the objects without problems, and the problems of the others' deformations."""
     step = -(-len(parts) // _MOST_BODIES)
     chosen = [part for part in parts[::step] if part.sketch is not None and _is_quick(part, folder)]
     names = {part.item.name for part in chosen}
@@ -79,17 +89,17 @@ def make_quick_preview(scene: Scene, parts: Sequence[ObjectWorkload], folder: Pa
                 where = f"{part.path}.deformation.0"
                 problems += [Problem(f"{where}.{one.path}", one.message, one.value) for one in error.problems]
                 continue
-            problems += _movement_problems(scene, part, body, times, folder)
-        bodies.append(body)
-    if problems:
-        raise SceneError(problems)
+            found = _movement_problems(scene, part, body, times, folder)
+        problems += found
+        bodies += [] if found else [body]
     bright = {part.item.name for part in chosen if may_send_more(scene, part.item.name)}
     unpainted = [part.item.name for part in chosen if part.item.name in bright and not _is_quickly_painted(part)]
     world = paint_bodies(scene, BuiltScene(tuple(bodies)), bright - {*unpainted}, folder)
     with np.errstate(all="ignore"):
         depth, object_id = _picture([body.positions_at(0.0)[body.faces] for body in bodies], scene.camera)
     left_out = [part.item.name for part in parts if part.item.name not in names]
-    return QuickPreview(world, times, left_out, unpainted, depth, object_id, scene.camera.width / depth.shape[1])
+    scale = scene.camera.width / depth.shape[1]
+    return QuickPreview(world, times, left_out, unpainted, depth, object_id, scale), problems
 
 
 def _is_quickly_painted(part: ObjectWorkload) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -17,11 +18,12 @@ from scenetruth.estimators import choose
 from scenetruth.input_files import bundled_file, validation_context
 from scenetruth.plain_data import plain_problems
 from scenetruth.scene.scene_models import Scene
+from scenetruth.scene.scene_repair import SceneRemainder, find_remainder
 from scenetruth.scene.suggestions import suggest_key, suggest_setting
 from scenetruth.scene.yaml_reader import MAX_YAML_BYTES, InputProblemError, read_file, read_yaml
-from scenetruth.validation_problems import list_problems, suggest_word
+from scenetruth.validation_problems import keys_in, list_problems, suggest_word
 
-__all__ = ["Overrides", "SceneLike", "apply_overrides", "load_scene", "read_input"]
+__all__ = ["Overrides", "SceneLike", "SceneReading", "apply_overrides", "load_scene", "read_input", "read_scene"]
 
 
 SceneLike = Scene | Mapping[str, Any] | str | PathLike[str]
@@ -77,11 +79,51 @@ def load_scene(scene: SceneLike, *, overrides: Overrides = ()) -> Scene:
     >>> load_scene("plane", overrides={"camera.width": 80}).camera.width
     80
     """
+    return read_scene(scene, overrides=overrides).required()
+
+
+@dataclass(frozen=True, eq=False)
+class SceneReading:
+    """A scene, or its problems.
+
+    ``remainder``: Valid part of an invalid scene, in which further problems can be detected; None if there is none.
+    """
+
+    scene: Scene | None
+    problems: tuple[Problem, ...] = ()
+    source: str | Path | None = None
+    remainder: SceneRemainder | None = None
+
+    def required(self) -> Scene:
+        """Return the scene, or raise an error with all problems."""
+        if self.scene is None or self.problems:
+            raise SceneError(self.problems, source=self.source)
+        return self.scene
+
+
+def read_scene(scene: SceneLike, *, overrides: Overrides = ()) -> SceneReading:
+    """Read a scene as `load_scene` does, without an error for a scene that is invalid."""
     if isinstance(scene, Scene) and not overrides:
-        return scene
+        return SceneReading(scene)
     given = scene.to_dict() if isinstance(scene, Scene) else scene
-    plain, source, folder = read_input(given, "a scene file", SceneError, overrides=overrides)
-    return Scene.from_dict(plain, source=source, folder=folder)
+    plain, source, folder = read_input(given, "a scene file", SceneError)
+    wrong: dict[str, list[Problem]] = {}
+    if overrides and isinstance(plain, Mapping):
+        plain = copy.deepcopy(dict(plain))
+        wrong = _override(plain, overrides)
+    reading = _validate(plain, source, folder)
+    if not wrong:
+        return reading
+    # An override that was not applied might have corrected the field.
+    found = [each for each in reading.problems if not any(_are_nested(each.path, path) for path in wrong)]
+    problems = (*(problem for each in wrong.values() for problem in each), *found)
+    remainder = reading.remainder or (None if reading.scene is None else SceneRemainder(reading.scene, frozenset()))
+    return SceneReading(None, problems, source, remainder)
+
+
+def _are_nested(one: str, other: str) -> bool:
+    """Return whether one of two paths leads to the other."""
+    return f"{one}.".startswith(f"{other}.") or f"{other}.".startswith(f"{one}.")
 
 
 def read_input(
@@ -102,15 +144,15 @@ def read_input(
 _MAPPING = "a mapping of camera, stage, frames, objects, ..."
 
 
-def _read_scene(plain: Any, source: str | Path | None = None, folder: Path | None = None) -> Scene:
-    """Validate a scene given by its values, see `Scene.from_dict`."""
+def _validate(plain: Any, source: str | Path | None = None, folder: Path | None = None) -> SceneReading:
+    """Validate a scene given by its values."""
     if plain is None:
-        raise SceneError([Problem("", f"is empty; it must be {_MAPPING}")], source=source)
+        return SceneReading(None, (Problem("", f"is empty; it must be {_MAPPING}"),), source)
     if not isinstance(plain, Mapping):
-        raise SceneError([Problem("", f"must be {_MAPPING}", plain)], source=source)
+        return SceneReading(None, (Problem("", f"must be {_MAPPING}", plain),), source)
     problems = plain_problems(plain)
     if problems:
-        raise SceneError(problems, source=source)
+        return SceneReading(None, tuple(problems), source)
     validated = dict(plain)
     if "estimate" in plain:
         try:
@@ -119,13 +161,38 @@ def _read_scene(plain: Any, source: str | Path | None = None, folder: Path | Non
             # Problems of method settings are reported per field, together with all others.
             del validated["estimate"]
             problems += [_in_estimate(problem) for problem in error.problems]
+
+    def validate(values: Mapping[str, Any]) -> Scene:
+        return Scene.model_validate(values, context=validation_context(folder))
+
     try:
-        scene = Scene.model_validate(validated, context=validation_context(folder))
+        scene = validate(validated)
     except ValidationError as error:
-        raise SceneError([*list_problems(error, plain, model=Scene, words=_words), *problems], source=source) from error
-    if problems:
-        raise SceneError(problems, source=source)
-    return scene
+        remainder, hidden = find_remainder(validated, error, validate, _keys_in)
+        found = _list_problems(error, plain)
+        for values, entries in hidden:
+            for entry in entries:
+                if isinstance(entry["input"], Mapping):
+                    # As given, without replaced values.
+                    entry["input"] = _value_at(plain, _keys_in(values, entry))
+            found += [each for each in _list_problems(entries, values) if each not in found]
+        return SceneReading(None, (*found, *problems), source, remainder)
+    remainder = SceneRemainder(scene, frozenset()) if problems else None
+    return SceneReading(scene, tuple(problems), source, remainder)
+
+
+def _value_at(plain: Any, keys: Sequence[str]) -> Any:
+    """Return the value at a path; None if there is none."""
+    for key in keys:
+        listed = list(plain) if isinstance(plain, list | tuple) else None
+        inside = {str(index): item for index, item in enumerate(listed)} if listed is not None else plain
+        plain = inside.get(key) if isinstance(inside, Mapping) else None
+    return plain
+
+
+def _read_scene(plain: Any, source: str | Path | None = None, folder: Path | None = None) -> Scene:
+    """Validate a scene given by its values, see `Scene.from_dict`."""
+    return _validate(plain, source, folder).required()
 
 
 Scene._reader = _read_scene
@@ -138,41 +205,49 @@ def apply_overrides(
     refused: InputProblemError = SceneError,
 ) -> None:
     """Apply overrides in place, by path or by ``path=value`` assignments."""
-    problems = []
+    wrong = _override(plain, overrides)
+    if wrong:
+        raise refused([problem for each in wrong.values() for problem in each], source=source)
+
+
+def _override(plain: dict[str, Any], overrides: Overrides) -> dict[str, list[Problem]]:
+    """Apply overrides in place, and return the problems of those that are wrong, by their paths."""
+    wrong: dict[str, list[Problem]] = {}
     if isinstance(overrides, str):
         overrides = [overrides]
     if isinstance(overrides, Mapping):
         for path, value in overrides.items():
             problem = _assign(plain, str(path).split("."), copy.deepcopy(value))
             if problem is not None:
-                problems.append(Problem(f"overrides.{path}", problem, value))
-        overrides = ()
+                wrong.setdefault(str(path), []).append(Problem(f"overrides.{path}", problem, value))
+        return wrong
     for override in overrides:
         if not isinstance(override, str):
-            problems.append(Problem("--set", "must have the form path=value", override))
+            wrong.setdefault(_NOWHERE, []).append(Problem("--set", "must have the form path=value", override))
             continue
         path, separator, text = override.partition("=")
         keys = path.strip().split(".")
+        problems = wrong.setdefault(path.strip() if separator and all(keys) else _NOWHERE, [])
         if not separator or not all(keys):
             problems.append(Problem("--set", "must have the form path=value, such as camera.width=320", override))
             continue
         if len(text) > MAX_YAML_BYTES:
             problems.append(Problem("--set", f"value must have at most {MAX_YAML_BYTES:,} characters", override))
             continue
-        value, wrong = read_yaml(text)
-        if wrong:
+        value, unread = read_yaml(text)
+        if unread:
             problems += [
                 Problem(f"--set {'.'.join(filter(None, (path, item.path)))}", f"value, {item.message}", item.value)
-                for item in wrong
+                for item in unread
             ]
             continue
         problem = _assign(plain, keys, value)
         if problem is not None:
             problems.append(Problem(f"--set {path}", problem, override))
-    if problems:
-        raise refused(problems, source=source)
+    return {path: problems for path, problems in wrong.items() if problems}
 
 
+_NOWHERE = "--set"  # in place of the path of an override without one
 _INDEX = re.compile(r"-?[0-9]{1,9}", re.ASCII)  # at most nine ASCII digits
 
 
@@ -225,6 +300,14 @@ def _in_estimate(problem: Problem) -> Problem:
     elif message.startswith("input should be '"):
         message += suggest_word(problem.value, re.findall(r"'([^']*)'", message))
     return Problem(".".join(filter(None, ("estimate", problem.path))), message, problem.value)
+
+
+def _list_problems(error: ValidationError | Sequence[ErrorDetails], values: Mapping[str, Any]) -> list[Problem]:
+    return list_problems(error, values, model=Scene, words=_words)
+
+
+def _keys_in(values: Mapping[str, Any], entry: ErrorDetails) -> list[str]:
+    return keys_in(values, entry["loc"], entry["type"], Scene)
 
 
 def _words(entry: ErrorDetails, path: str) -> str | None:

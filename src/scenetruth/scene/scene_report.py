@@ -15,7 +15,7 @@ from scenetruth.bands import as_number
 from scenetruth.camera import build_sensor_chain
 from scenetruth.errors import Problem, SceneError, SceneWarning
 from scenetruth.scene.built_scene import BuiltScene
-from scenetruth.scene.lighting import Lamp, Lighting
+from scenetruth.scene.lighting import IesLight, Lamp, Lighting, LightModel, PointLight
 from scenetruth.scene.scene_models import Scene, compute_image_times
 from scenetruth.scene.texture import TextureModel
 
@@ -25,6 +25,7 @@ __all__ = [
     "check_scene",
     "describe_scene",
     "find_lighting_problems",
+    "find_problems_of_contents",
     "find_setting_problems",
 ]
 
@@ -39,19 +40,24 @@ _GENERIC_DIRECTION = np.array([0.351938, 0.681273, 0.641873])
 def find_lighting_problems(scene: Scene, world: BuiltScene, times: Sequence[float] | None = None) -> list[Problem]:
     """Return the problems of a scene's lighting: brightness, lamp files, lamps in objects or at the camera."""
     times = [float(t) for t in scene.frames.t] if times is None else times
-    unread, problems = _lamp_problems(scene, times)
-    return [*problems, *_lamps_in_objects(scene, world, times, unread)]
+    lighting, without, problems = _lamp_problems(scene, times)
+    return [*problems, *_lamps_in_objects(lighting, world, times, without)]
 
 
 def find_setting_problems(scene: Scene) -> list[Problem]:
     """Return the problems that do not depend on the objects: of lens, shutter, backend and lamps."""
     # Overflow is reported as a problem.
     with np.errstate(all="ignore"):
-        return [*_camera_problems(scene), *_lamp_problems(scene, [float(t) for t in scene.frames.t])[1]]
+        return [*_camera_problems(scene), *_lamp_problems(scene, [float(t) for t in scene.frames.t])[2]]
 
 
-def _lamp_problems(scene: Scene, times: Sequence[float]) -> tuple[set[int], list[Problem]]:
-    """Return the lamps without a position, by number, and the problems that do not depend on the objects."""
+def find_problems_of_contents(scene: Scene, world: BuiltScene, times: Sequence[float] | None = None) -> list[Problem]:
+    """Return the problems of visibility, lens, shutter, backend, lamps and reflectance; ``world`` may lack objects."""
+    return _inspect(scene, world, times)[1]
+
+
+def _lamp_problems(scene: Scene, times: Sequence[float]) -> tuple[Lighting, set[int], list[Problem]]:
+    """Return the lamps, the numbers of those without a position, and the problems that do not depend on the objects."""
     # Positions and directions are the same in all bands.
     lighting = scene.band_scenes()[0].lighting
     problems = []
@@ -61,16 +67,27 @@ def _lamp_problems(scene: Scene, times: Sequence[float]) -> tuple[set[int], list
         message = f"brightness is {min(brightness):.6g} at frame {worst:g}; it must be positive in all frames"
         problems.append(Problem("lighting.drift_per_frame", message, lighting.drift_per_frame))
     unread = _unread_lamps(lighting)
-    lost = _lost_lamps(lighting, times, set(unread))
-    without = {*unread, *lost}
+    # Their positions do not depend on their files.
+    placed = tuple(_without_file(light) if n in unread else light for n, light in enumerate(lighting.lights))
+    lighting = lighting.model_copy(update={"lights": placed})
+    lost = _lost_lamps(lighting, times)
     found = [each for number in sorted(unread) for each in unread[number]]
-    problems += [*found, *lost.values(), *_lamps_at_camera(scene, times, without)]
-    return without, problems
+    problems += [*found, *lost.values(), *_lamps_at_camera(scene, lighting, times, {*lost})]
+    return lighting, {*lost}, problems
 
 
-def _lamps_in_objects(scene: Scene, world: BuiltScene, times: Sequence[float], without: set[int]) -> list[Problem]:
+def _without_file(light: LightModel) -> LightModel:
+    """Return a point light in place of a lamp with a photometric file."""
+    assert isinstance(light, IesLight)
+    given = {"position_mm": light.position_mm, "motion": light.motion, "irradiance": light.irradiance}
+    return PointLight(kind="point", reference_distance_mm=light.reference_distance_mm, **given)
+
+
+def _lamps_in_objects(
+    lighting: Lighting, world: BuiltScene, times: Sequence[float], without: set[int]
+) -> list[Problem]:
     """Return the problems of lamps inside objects or crossed by them."""
-    lighting, problems = scene.band_scenes()[0].lighting, []
+    problems: list[Problem] = []
     if all(lamp.position_mm is None for _, lamp in _lamps_at(lighting, 0.0, without)):
         return []
     closed = [_is_closed(body.positions_at(0.0), body.faces) for body in world.bodies]
@@ -158,11 +175,11 @@ def _unread_lamps(lighting: Lighting) -> dict[int, list[Problem]]:
     return problems
 
 
-def _lamps_at_camera(scene: Scene, times: Sequence[float], without: set[int]) -> list[Problem]:
+def _lamps_at_camera(scene: Scene, lighting: Lighting, times: Sequence[float], without: set[int]) -> list[Problem]:
     """Return the problems of lamps with a size through which the camera looks."""
     found: dict[int, Problem] = {}
     for t in times:
-        for number, lamp in _lamps_at(scene.band_scenes()[0].lighting, t, without):
+        for number, lamp in _lamps_at(lighting, t, without):
             cameras = product(scene.stage.x_mm, scene.stage.y_mm)
             if any(lamp.contains(np.array([x_mm, y_mm, 0.0])) for x_mm, y_mm in cameras):
                 message = f"the camera is on or inside the lamp at frame {t:g}; move the lamp, or use a ring"
@@ -188,11 +205,11 @@ def _lamp_warnings(scene: Scene, world: BuiltScene) -> list[str]:
     return messages
 
 
-def _lost_lamps(lighting: Lighting, times: Sequence[float], without: set[int]) -> dict[int, Problem]:
+def _lost_lamps(lighting: Lighting, times: Sequence[float]) -> dict[int, Problem]:
     """Return the problems of lamps whose position or direction overflows, by number."""
     lost: dict[int, Problem] = {}
     for t in times:
-        for number, lamp in _lamps_at(lighting, t, without):
+        for number, lamp in _lamps_at(lighting, t, set()):
             directed = lamp.position_mm is None or lamp.directed or _is_flat(lamp)
             shines = not directed or abs(float(np.linalg.norm(lamp.axis)) - 1) < _UNSTEADY
             if not shines or not (lamp.position_mm is None or np.isfinite(lamp.position_mm).all()):

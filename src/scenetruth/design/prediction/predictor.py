@@ -13,8 +13,8 @@ from scenetruth.design.prediction.prediction_result import Model, PredictedValue
 from scenetruth.design.prediction.texture_spectra import analytic_spectra
 from scenetruth.errors import ArgumentError, Problem
 from scenetruth.estimators.method_specs import MethodLike, MethodSpec, read_method
-from scenetruth.resources import Limits, ObjectWorkload, limited_objects
-from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
+from scenetruth.resources import Limits, ObjectWorkload, limited_objects, load_checked_scene
+from scenetruth.scene import Overrides, Scene, SceneLike
 
 __all__ = ["predict", "predict_quickly", "recommend"]
 
@@ -251,7 +251,7 @@ def predict(
     """
     if model not in ("analytic", "maps"):
         raise ArgumentError([Problem("model", "must be analytic or maps", model)])
-    known = load_scene(scene, overrides=overrides)
+    known = load_checked_scene(scene, overrides=overrides, limits=limits or Limits())
     parts = limited_objects(known, limits or Limits())
     if method is not None or settings:
         spec = read_method(known.estimate.method if method is None else method)

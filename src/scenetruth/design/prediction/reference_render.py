@@ -14,9 +14,8 @@ from scenetruth.design.prediction.camera_response import compute_grey_levels
 from scenetruth.provenance import blank_recording, build_schedule, intrinsics_from
 from scenetruth.raycast import scene_topology
 from scenetruth.render import choose_renderer
+from scenetruth.resources import build_checked_scene
 from scenetruth.scene import Scene
-from scenetruth.scene.built_scene import build_scene
-from scenetruth.scene.scene_report import check_scene
 from scenetruth.schema import label
 from scenetruth.truth import Geometries, PixelPoints, PointTracker, truth_maps
 
@@ -44,8 +43,7 @@ class ReferenceRender:
 
 def render_reference(scene: Scene, *, complete: bool = False) -> ReferenceRender:
     """Render the reference image of a scene and compute its ground truth, at the planned poses."""
-    world = build_scene(scene)
-    check_scene(scene, world)
+    world = build_checked_scene(scene)
     schedule, stage, frames = build_schedule(scene), scene.stage, scene.frames
     cameras = [(s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist()]
     moments = [[schedule.nominal(s, t, s_y) for t in frames.t.tolist()] for s_y, s in cameras]

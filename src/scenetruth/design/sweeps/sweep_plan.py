@@ -21,7 +21,8 @@ from scenetruth.dataset.sampler import UniformDraws
 from scenetruth.design.sweeps.factors import Factor, format_level, parse_factors
 from scenetruth.errors import ArgumentError, Problem, SceneError
 from scenetruth.plain_data import seed_problems
-from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
+from scenetruth.resources import load_checked_scene
+from scenetruth.scene import Overrides, Scene, SceneLike
 from scenetruth.scene.field_paths import PathError, assign, expand, value_at
 
 __all__ = ["SweepPlan", "SweepPoint", "build_plan"]
@@ -167,7 +168,7 @@ def _loaded(given: SceneLike | Sequence[SceneLike], overrides: Overrides) -> tup
     failed: list[SceneError] = []
     for one in several:
         try:
-            scenes.append(load_scene(one, overrides=overrides))
+            scenes.append(load_checked_scene(one, overrides=overrides))
         except SceneError as error:
             failed.append(error)
     if len(failed) == 1:

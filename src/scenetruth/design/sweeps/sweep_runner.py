@@ -73,9 +73,7 @@ def refuse_impossible_points(job: SweepTask, numbers: Sequence[int], progress: P
     """Reject points with a scene that exceeds a limit, shows no object, or does not suit a method."""
     from scenetruth.estimators import find_method, requirements, validate_settings
     from scenetruth.provenance import blank_recording
-    from scenetruth.resources import refuse_beyond_limits
-    from scenetruth.scene.built_scene import build_scene
-    from scenetruth.scene.scene_report import check_scene
+    from scenetruth.resources import build_checked_scene, refuse_beyond_limits
 
     plan, problems = job.plan, dict[tuple[str, str], Problem]()
     points = sorted({number - number % plan.each for number in numbers})
@@ -89,7 +87,7 @@ def refuse_impossible_points(job: SweepTask, numbers: Sequence[int], progress: P
             refuse_beyond_limits(scene, job.limits)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                check_scene(scene, build_scene(scene, painted=False))
+                build_checked_scene(scene, painted=False)
         except SceneError as error:
             wrong += error.problems
         blank = blank_recording(scene)

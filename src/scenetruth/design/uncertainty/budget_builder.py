@@ -49,8 +49,8 @@ from scenetruth.jobs.worker_setup import collect_versions
 from scenetruth.output import write_atomically
 from scenetruth.plain_data import parse_json, seed_problems
 from scenetruth.progress import Progress, say
-from scenetruth.resources import Limits, refuse_beyond_limits
-from scenetruth.scene import Overrides, Scene, SceneLike, load_scene
+from scenetruth.resources import Limits, load_checked_scene, refuse_beyond_limits
+from scenetruth.scene import Overrides, Scene, SceneLike
 from scenetruth.scoring.regions import main_regions
 from scenetruth.simulation import make_truth
 
@@ -156,7 +156,7 @@ def budget(
     sensor noise, 0.2 % of full scale: 0.12 mm
     """
     resolve_workers(workers)
-    whole, problems = load_scene(scene, overrides=overrides), []
+    whole, problems = load_checked_scene(scene, overrides=overrides, limits=limits or Limits()), []
     whole.require_grey("an uncertainty budget")
     numbers = [whole.seed + k for k in range(seeds)] if isinstance(seeds, int) and 1 <= seeds <= _MAX_SEEDS else []
     if not isinstance(seeds, int):
