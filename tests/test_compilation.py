@@ -15,8 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import numba
+import numpy as np
 import pytest
+from numba.core.base import BaseContext
 from numba.extending import overload
+from numpy.typing import NDArray
 
 import scenetruth as st
 from scenetruth import compilation
@@ -113,6 +116,22 @@ def test_a_store_is_packed_by_no_more_threads_than_allowed(told: str, tmp_path: 
         check=True,
     )
     assert ("store_" in done.stdout) == (told == "2")
+
+
+def _hashed(values: NDArray[np.float64]) -> int:
+    return hash(values.sum())
+
+
+def test_kernels_are_loaded_without_the_declarations_of_the_compiler(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    values = np.array([3.0, 0.5])
+    assert kernel()(_hashed)(values) == hash(3.5)
+    monkeypatch.setattr(BaseContext, "refresh", lambda self: pytest.fail("declarations are loaded"))
+    loaded = kernel()(_hashed)
+    assert loaded(values) == hash(3.5)
+    assert sum(loaded.stats.cache_hits.values()) == 1
 
 
 def _compiled_kernels() -> Iterator[tuple[str, Any]]:

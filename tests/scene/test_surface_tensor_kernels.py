@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import sparse
 
 from scenetruth.scene.mesh import make_box
 from scenetruth.scene.motion import PointMap, Points, rotate_points
@@ -149,6 +150,40 @@ def test_seams_and_flipped_faces_do_not_cut_a_surface() -> None:
     own[::3] = own[::3, ::-1]
     found = fit_quadrics(torn, own, 1.0)
     assert len(found.vertices) == len(vertices)
+
+
+def test_fits_are_made_around_two_rings_where_one_has_too_few_neighbours() -> None:
+    rng = np.random.default_rng(3)
+    faces = np.array([rng.choice(60, 3, replace=False) for _ in range(70)], dtype=np.int32)
+    found = fit_quadrics(rng.normal(size=(60, 3)), faces, 180.0)
+    graph: dict[int, set[int]] = {point: set() for point in range(len(found.vertices))}
+    for corners in found.corners.tolist():
+        for point in corners:
+            graph[point] |= {other for other in corners if other != point}
+    wide = 0
+    for point, ring in graph.items():
+        near = {int(vertex) for vertex in found.neighbours[found.starts[point] : found.starts[point + 1]]}
+        one = {int(found.vertices[other]) for other in ring}
+        two = {int(found.vertices[far]) for other in ring for far in graph[other] if far != point}
+        assert near in (one, one | two)
+        # Five neighbours are the least that can determine a quadratic function.
+        assert near == one | two or len(ring) >= 5
+        wide += near != one
+    assert 0 < wide < len(graph)
+    # Surface points are the components of the graph whose edges are the sides that faces share.
+    positions, sides = faces.ravel(), dict[tuple[int, int], list[tuple[int, int]]]()
+    for face in range(len(faces)):
+        for one_end, other_end in ((0, 1), (1, 2), (2, 0)):
+            ends = (3 * face + one_end, 3 * face + other_end)
+            sides.setdefault(tuple(sorted(int(positions[end]) for end in ends)), []).append(ends)  # type: ignore[arg-type]
+    links = sparse.lil_array((faces.size, faces.size))
+    for pair in (found for found in sides.values() if len(found) == 2):
+        for here in pair[0]:
+            for there in pair[1]:
+                links[here, there] = positions[here] == positions[there]
+    label = sparse.csgraph.connected_components(links, directed=False)[1]
+    np.testing.assert_array_equal(found.corners.ravel(), label)
+    assert faces.size > len(found.vertices) > 60
 
 
 def test_fits_are_exact_on_quadratic_fields() -> None:

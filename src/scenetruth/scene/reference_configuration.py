@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,6 @@ from numpy.typing import NDArray
 from scenetruth.scene.mesh.mesh_model import TriangleMesh, find_shared_sides, index_positions
 from scenetruth.scene.motion import PointMap, Points, apply
 from scenetruth.scene.taylor import AA, AB, ACROSS, ALONG, BB, TA, TB, TT, VALUE, A, B, Jet, JetField, T
-
-if TYPE_CHECKING:
-    from scipy import sparse
 
 __all__ = [
     "AnalyticConfiguration",
@@ -87,15 +84,13 @@ def fit_quadrics(vertices_mm: Floats, faces: NDArray[np.int32], crease_deg: floa
     rows, columns = (
         np.concatenate([corners[:, i] for i in order]) for order in ((0, 1, 2, 1, 2, 0), (1, 2, 0, 0, 1, 2))
     )
-    from scipy import sparse
-
-    ring = sparse.csr_array((np.ones(len(rows), dtype=np.int32), (rows, columns)), shape=(count, count))
+    sides = np.sort(rows.astype(np.int64) * count + columns)
+    owner, ring = np.divmod(sides[np.diff(sides, prepend=-1) > 0], count)
     all_points = np.arange(count)
-    fits = _fit(vertices_mm, vertex_of, frames, all_points, ring)
+    fits = _fit(vertices_mm, vertex_of, frames, all_points, owner, ring)
     poor = np.flatnonzero(~fits[3])
     if len(poor):
-        wide = ring[poor] @ ring + ring[poor]
-        again = _fit(vertices_mm, vertex_of, frames, poor, wide)
+        again = _fit(vertices_mm, vertex_of, frames, poor, *_neighbours_of_neighbours(owner, ring, poor, count))
         lengths, nearest, values, _ = fits
         keep = np.repeat(fits[3], lengths)
         owner = np.concatenate([np.repeat(all_points, lengths)[keep], np.repeat(poor, again[0])])
@@ -126,24 +121,70 @@ def _surface_points(
     ends = (np.where(flipped, two, next_two), np.where(flipped, next_two, two))
     rows, columns = np.concatenate([one, next_one]), np.concatenate(ends)
     count = faces.size
-    from scipy import sparse
-
-    graph = sparse.csr_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(count, count))
-    number, label = sparse.csgraph.connected_components(graph, directed=False)
-    vertex_of = np.empty(number, dtype=np.int64)
+    first = _connected(rows, columns, count)
+    alone = first == np.arange(count)
+    label = (np.cumsum(alone) - 1)[first]
+    vertex_of = np.empty(np.count_nonzero(alone), dtype=np.int64)
     vertex_of[label] = faces.ravel()
     return label.reshape(faces.shape).astype(np.int32), vertex_of
 
 
-def _fit(
-    vertices: Floats, vertex_of: NDArray[np.int64], frames: Floats, points: NDArray[np.int64], ring: sparse.csr_array
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, NDArray[np.bool_]]:
-    """Fit around surface points; return neighbour counts, neighbours, coefficients, and whether all are determined."""
-    from scipy import sparse
+def _connected(one: NDArray[np.integer[Any]], two: NDArray[np.integer[Any]], count: int) -> NDArray[np.integer[Any]]:
+    """Return the first node of the component of each node, for edges between nodes ``one`` and ``two``."""
+    first = np.arange(count)
+    while True:
+        least = np.minimum(first[one], first[two])
+        nearer = first.copy()
+        for ends in (one, two):
+            # The first node found so far is moved as well, which shortens chains.
+            np.minimum.at(nearer, ends, least)
+            np.minimum.at(nearer, first[ends], least)
+        nearer = nearer[nearer]
+        if (nearer == first).all():
+            return first
+        first = nearer
 
-    ring = sparse.csr_array(ring)
-    owner = np.repeat(np.arange(len(points)), np.diff(ring.indptr))
-    other = ring.indices.astype(np.int64)
+
+def _neighbours_of_neighbours(
+    owner: NDArray[np.int64], ring: NDArray[np.int64], points: NDArray[np.int64], count: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the neighbours of the neighbours of points, with the index of the point of each.
+
+    They include the neighbours, with which a point shares triangles.
+    """
+    lengths = np.bincount(owner, minlength=count)
+    starts = np.cumsum(lengths) - lengths
+    near, which = _rows(ring, starts, lengths, points)
+    far, step = _rows(ring, starts, lengths, near)
+    key = which[step] * count + far
+    # In the order in which they are met, on which the rounding errors of sums depend.
+    order = np.argsort(key, kind="stable")
+    place = np.sort(order[np.diff(key[order], prepend=-1) > 0])
+    found: tuple[NDArray[np.int64], NDArray[np.int64]] = np.divmod(key[place], count)
+    return found
+
+
+def _rows(
+    values: NDArray[np.int64], starts: NDArray[np.int64], lengths: NDArray[np.int64], rows: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the values of rows, one after the other, and the index of the row of each."""
+    row = np.repeat(np.arange(len(rows)), lengths[rows])
+    before = np.cumsum(lengths[rows]) - lengths[rows]
+    return values[starts[rows][row] + np.arange(len(row)) - before[row]], row
+
+
+def _fit(
+    vertices: Floats,
+    vertex_of: NDArray[np.int64],
+    frames: Floats,
+    points: NDArray[np.int64],
+    owner: NDArray[np.int64],
+    other: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, NDArray[np.bool_]]:
+    """Fit around surface points; return neighbour counts, neighbours, coefficients, and whether all are determined.
+
+    ``owner``, ``other``: Index of a point, in increasing order, and a surface point near it.
+    """
     keep = points[owner] != other
     owner, other = owner[keep], other[keep]
     count = len(points)
