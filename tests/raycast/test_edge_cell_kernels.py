@@ -22,11 +22,14 @@ lines = some.tuples(numbers, numbers, numbers, numbers).filter(lambda e: np.hypo
 
 def samples(ends: Points, order: int = 2) -> tuple[Points, Points]:
     """Return the samples of one pixel."""
-    firsts, offsets, weights = cut_pixels(
-        np.ascontiguousarray(ends), np.array([0, len(ends)]), np.array([order]), NODES, WEIGHTS
-    )
-    assert firsts.tolist() == [0, len(weights)]
-    return offsets, weights
+    return numbered(ends, order)[:2]
+
+
+def numbered(ends: Points, order: int = 2) -> tuple[Points, Points, NDArray[np.int32]]:
+    """Return the samples of one pixel with their cells."""
+    firsts, *found = cut_pixels(np.ascontiguousarray(ends), np.array([0, len(ends)]), np.array([order]), NODES, WEIGHTS)
+    assert firsts.tolist() == [0, len(found[1])]
+    return found[0], found[1], found[2]
 
 
 def area_left(one: Points, other: Points) -> float:
@@ -69,6 +72,37 @@ def test_the_area_on_each_side_of_an_edge_is_exact(edge: tuple[float, ...], othe
     assert weights[side > 0].sum() == pytest.approx(area_left(one, other), abs=1e-6)
 
 
+def segments_cross(one: Points, other: Points) -> bool:
+    """Return whether two segments x0, y0, x1, y1 cross."""
+
+    def sides(line: Points, points: Points) -> Points:
+        step, ends = line[2:] - line[:2], points.reshape(2, 2) - line[:2]
+        return np.asarray(step[0] * ends[:, 1] - step[1] * ends[:, 0])
+
+    return bool(np.prod(sides(one, other)) < 0 and np.prod(sides(other, one)) < 0)
+
+
+@given(some.lists(lines, min_size=1, max_size=4), some.integers(1, 4))
+def test_no_edge_passes_between_samples_of_a_cell(edges: list[tuple[float, ...]], order: int) -> None:
+    ends = np.array(edges)
+    offsets, _, cells = numbered(ends, order)
+    for cell in np.unique(cells):
+        inside = offsets[cells == cell]
+        for place in inside[1:]:
+            way = np.concatenate([inside[0], place])
+            assert not any(segments_cross(way, edge) for edge in ends)
+
+
+def test_cells_are_numbered_in_each_pixel() -> None:
+    # A corner: above it one cell, beside and below it two.
+    _, _, cells = numbered(np.array([[0.1, 0.2, 0.1, 3.0], [0.1, 0.2, 3.0, 0.2]]), order=4)
+    assert np.unique(cells).tolist() == [0, 1, 2]
+    assert np.bincount(cells).tolist() == [3 * 4, 2 * 3, 2 * 2]
+    ends = np.tile([-1.0, 0.25, 1.0, 0.25], (2, 1))
+    *_, cells = cut_pixels(ends, np.array([0, 1, 2]), np.array([1, 1]), NODES, WEIGHTS)
+    assert cells.tolist() == [0, 1, 0, 1]
+
+
 def test_a_corner_and_an_edge_along_the_grid_are_exact() -> None:
     offsets, weights = samples(np.array([[0.1, 0.2, 0.1, 3.0], [0.1, 0.2, 3.0, 0.2]]))
     corner = (offsets[:, 0] > 0.1) & (offsets[:, 1] > 0.2)
@@ -78,7 +112,7 @@ def test_a_corner_and_an_edge_along_the_grid_are_exact() -> None:
 def test_pixels_have_their_own_edges_and_orders() -> None:
     ends = np.tile([-1.0, 0.25, 1.0, 0.25], (MOST_EDGES, 1))
     starts = np.array([0, 0, 1, MOST_EDGES])
-    firsts, offsets, weights = cut_pixels(ends, starts, np.array([1, 2, 4]), NODES, WEIGHTS)
+    firsts, offsets, weights, _ = cut_pixels(ends, starts, np.array([1, 2, 4]), NODES, WEIGHTS)
     assert np.diff(firsts).tolist() == [1, 2 * 2 + 2 * 1, 4 * 3 + 4 * 1]
     np.testing.assert_allclose(np.add.reduceat(weights, firsts[:-1]), 1)
     assert (offsets[: firsts[1]] == 0).all()

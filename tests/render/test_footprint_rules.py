@@ -1,4 +1,4 @@
-"""Bends of textures in blocks, against second differences of their samples."""
+"""Bends of textures in blocks, against second differences of their samples; orders of cells."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scenetruth.render.footprint_rules import block_bends
+from scenetruth.render.footprint_rules import FINE, UNCUT, block_bends, cell_orders
 from scenetruth.scene.texture import Picture
 
 
@@ -35,3 +35,11 @@ def test_bends_of_blocks_are_rms_second_differences(shape: tuple[int, int], tile
             assert found[row, column] >= expected - 1e-5
         else:
             assert found[row, column] == pytest.approx(expected, abs=1e-5)
+
+
+def test_mixed_pixels_of_any_smooth_texture_are_cut() -> None:
+    # The finest textures have lattices inside surfaces, and cells with as many points in mixed pixels.
+    orders = cell_orders()[: FINE + 2].astype(np.int64)
+    assert (orders != UNCUT).all()
+    assert (np.diff(orders) >= 0).all()
+    assert orders[-1] ** 2 >= 256

@@ -310,6 +310,18 @@ def test_light_beyond_full_scale_is_warned_of() -> None:
         st.simulate(plane({"lights": [sun]}, frames={"count": 1}, stage={"positions": 1, "baseline_mm": 5}))
 
 
+def test_samples_that_stand_for_others() -> None:
+    from scenetruth.render.shading_kernels import find_alike
+
+    faces = np.array([4, 4, 2, 4, 2, 4, 4, 4], dtype=np.int32)
+    pixels = np.array([7, 7, 7, 7, 7, 8, 8, 8])
+    cells = np.array([0, 0, 0, 0, 1, 0, -1, -1], dtype=np.int32)
+    chosen, of = find_alike(faces, pixels, cells, 5)
+    # Another face, cell or pixel, and samples without a cell.
+    assert chosen.tolist() == [0, 2, 4, 5, 6, 7]
+    assert of.tolist() == [0, 0, 1, 0, 2, 3, 4, 5]
+
+
 def test_uneven_pixels_against_a_plain_reading() -> None:
     from scenetruth.render.shading_kernels import uneven_pixels
 

@@ -30,7 +30,7 @@ def cut_pixels(
     orders: NDArray[np.int64],
     nodes: NDArray[np.float64],
     weights: NDArray[np.float64],
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]:
     """Cut pixels into horizontal slabs and these into trapezoids between their edges, with Gauss points in each.
 
     No edge begins, ends or meets another inside a slab. The mean over a pixel is then that over smooth pieces.
@@ -42,14 +42,14 @@ def cut_pixels(
     ``orders``: Gauss points per pixel along each axis, shape (n,); cells have as many as their size requires.
     ``nodes``, ``weights``: Gauss rules on [-1/2, 1/2] of the orders from 0 to the largest, shape (orders, most).
     Returns: Index of the first sample of each pixel and the number of samples, shape (n + 1,); offsets (x, y) of the
-    samples in px; and their weights, with sum 1 in each pixel.
+    samples in px; their weights, with sum 1 in each pixel; and the number of the trapezoid of each sample in its pixel.
     """
     count = len(orders)
     numbers = np.zeros(count + 1, dtype=np.int64)
-    none = np.empty((0, 2)), np.empty(0)
+    none = np.empty((0, 2)), np.empty(0), np.empty(0, dtype=np.int32)
     in_bands(_cut_pixels, count, ends, starts, orders, nodes, weights, numbers, *none, False, least=_LEAST)
     firsts = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(numbers[:-1])])
-    out = np.empty((firsts[-1], 2)), np.empty(firsts[-1])
+    out = np.empty((firsts[-1], 2)), np.empty(firsts[-1]), np.empty(firsts[-1], dtype=np.int32)
     in_bands(_cut_pixels, count, ends, starts, orders, nodes, weights, firsts, *out, True, least=_LEAST)
     return firsts, *out
 
@@ -98,7 +98,7 @@ def _bounds(lines: NDArray[np.float64], used: int, bounds: NDArray[np.float64]) 
 def _cut_pixels(
     low: int, high: int, ends: NDArray[np.float64], starts: NDArray[np.int64], orders: NDArray[np.int64],
     nodes: NDArray[np.float64], weights: NDArray[np.float64], firsts: NDArray[np.int64],
-    offsets: NDArray[np.float64], out: NDArray[np.float64], fill: bool,
+    offsets: NDArray[np.float64], out: NDArray[np.float64], cells: NDArray[np.int32], fill: bool,
 ) -> None:  # fmt: skip
     lines, bounds = np.empty((MOST_CUTS, 4)), np.empty(_MOST_BOUNDS)
     cuts = np.empty(MOST_CUTS + 2)
@@ -108,10 +108,13 @@ def _cut_pixels(
             used += _clip(ends, edge, lines[used])
         count, order = _bounds(lines, used, bounds), orders[pixel]
         at = firsts[pixel] if fill else 0
+        # Between the heights of a slab, all rows have the same parts.
+        cell, parts = 0, 1
         for slab in range(count - 1):
             top, height = bounds[slab], bounds[slab + 1] - bounds[slab]
             if height <= _THIN:
                 continue
+            cell += parts - 1
             # Narrow cells need fewer points for the same accuracy.
             down = max(int(np.ceil(order * height)), 1)
             for row in range(down):
@@ -133,6 +136,7 @@ def _cut_pixels(
                             offsets[at, 0] = cuts[part] + width * (0.5 + nodes[across, column])
                             offsets[at, 1] = y
                             out[at] = height * weights[down, row] * width * weights[across, column]
+                            cells[at] = cell + part
                         at += 1
         if not fill:
             firsts[pixel] = at

@@ -50,12 +50,27 @@ _FINE_ORDER = 16  # Gauss points per pixel along each axis across shadows in mix
 
 
 class _Cut(NamedTuple):
-    """Mixed pixels that are cut, with the arguments of `edge_cell_kernels.cut_pixels`."""
+    """Mixed pixels that are cut, with the arguments of `edge_cell_kernels.cut_pixels`.
+
+    ``open``: Pixels in which surfaces may end inside a cell, because they are not cut along all edges.
+    """
 
     pixels: NDArray[np.int64]
     starts: NDArray[np.int64]
     ends: NDArray[np.float64]
     orders: NDArray[np.int64]
+    open: NDArray[np.bool_]
+
+    def samples(
+        self,
+        some: NDArray[np.int64],
+        found: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]],
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]:
+        """Return the samples of some of the pixels as in `ImageCanvas`, from the results of `cut_pixels`."""
+        firsts, offsets, weights, cells = found
+        counts = np.diff(firsts)
+        cells[np.repeat(self.open[some], counts)] = -1
+        return self.pixels[some], counts, offsets, weights, cells
 
 
 class AdaptiveRenderer(SteppedLightRenderer):
@@ -288,9 +303,10 @@ class AdaptiveRenderer(SteppedLightRenderer):
         pixels, ends = np.flatnonzero(edges.mixed.ravel() & ~uncut), ends[~uncut[owners]]
         starts = np.concatenate([[0], np.cumsum(counts[pixels])])
         orders = np.maximum(largest[pixels], _LEAST_ORDER).astype(np.int64)
-        firsts, offsets, weights = cut_pixels(ends, starts, orders, *gauss_tables(_FINE_ORDER))
-        canvas.samples.append((pixels, np.diff(firsts), offsets, weights))
-        return _Cut(pixels, starts, ends, orders)
+        cut = _Cut(pixels, starts, ends, orders, (many | edges.bare.ravel())[pixels])
+        samples = cut_pixels(ends, starts, orders, *gauss_tables(_FINE_ORDER))
+        canvas.samples.append(cut.samples(np.arange(len(pixels)), samples))
+        return cut
 
     def _cut_again(
         self,
@@ -358,8 +374,8 @@ class AdaptiveRenderer(SteppedLightRenderer):
         ends = np.concatenate([cut.ends[kept], ends[fits]])
         order = np.argsort(owner, kind="stable")
         starts = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=len(again)))])
-        firsts, offsets, weights = cut_pixels(ends[order], starts, orders[again], *gauss_tables(_FINE_ORDER))
-        canvas.samples[:] = [(cut.pixels[again], np.diff(firsts), offsets, weights)]
+        samples = cut_pixels(ends[order], starts, orders[again], *gauss_tables(_FINE_ORDER))
+        canvas.samples[:] = [cut.samples(again, samples)]
         canvas.large.clear()
         self._trace_samples(view, canvas)
 

@@ -60,8 +60,13 @@ class ImageCanvas:
     by_lamp: NDArray[np.float64] | None
     shade: NDArray[np.float64]
     blocked: NDArray[np.uint64]
-    samples: list[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]]
-    """Samples to be traced together: pixels; number of samples of each; offsets; and weights of all samples."""
+    samples: list[
+        tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]
+    ]
+    """Samples to be traced together: pixels; number of samples of each; and of all samples offsets, weights and cells.
+
+    Cells are numbered in each pixel: in them, no surface ends and no shadow begins within a face; -1 for none.
+    """
     large: list[tuple[NDArray[np.int64], Rule]]
     """Pixels to be traced by a rule, with too many samples to be kept."""
     bare: bool = False
@@ -77,7 +82,9 @@ class ImageCanvas:
             self.large.append((pixels, rule))
             return
         counts = np.full(len(pixels), len(weights))
-        self.samples.append((pixels, counts, np.tile(offsets, (len(pixels), 1)), np.tile(weights, len(pixels))))
+        cells = np.full(len(pixels) * len(weights), -1, dtype=np.int32)
+        many = np.tile(offsets, (len(pixels), 1)), np.tile(weights, len(pixels)), cells
+        self.samples.append((pixels, counts, *many))
 
 
 def _level(texture: SurfaceTexture) -> float:
@@ -313,26 +320,27 @@ class FootprintRenderer(RaycastRenderer):
                 piece = pixels[first : first + at_once]
                 if canvas.bare:
                     many = np.tile(offsets, (len(piece), 1))
-                    radiance, _, _ = self._radiance(view, np.repeat(piece, len(weights)), many, bare=True)
+                    none = np.empty(0, dtype=np.int32)
+                    radiance, _, _ = self._radiance(view, np.repeat(piece, len(weights)), many, none, bare=True)
                     canvas.image[piece] = radiance.reshape(len(piece), -1) @ weights
                 else:
                     canvas.image[piece] = self._trace(view, piece, offsets, weights)
         if not canvas.samples:
             return found
-        pixels, counts, offsets, weights = (np.concatenate(part) for part in zip(*canvas.samples, strict=True))
+        pixels, counts, offsets, weights, cells = (np.concatenate(part) for part in zip(*canvas.samples, strict=True))
         # In the order of the pixels.
         order, starts = np.argsort(pixels, kind="stable"), np.cumsum(counts) - counts
         pixels, counts = pixels[order], counts[order]
         ends = np.cumsum(counts)
         number = np.repeat(starts[order] - (ends - counts), counts) + np.arange(len(weights))
-        offsets, weights = offsets[number], weights[number]
+        offsets, weights, cells = offsets[number], weights[number], cells[number]
         first = 0
         while first < len(pixels):
             start = ends[first] - counts[first]
             last = max(int(np.searchsorted(ends, start + SAMPLES_PER_PIECE, side="right")), first + 1)
             piece, here = pixels[first:last], slice(start, ends[last - 1])
             owner = np.repeat(np.arange(len(piece)), counts[first:last])
-            radiance, face, light = self._radiance(view, piece[owner], offsets[here], bare=canvas.bare)
+            radiance, face, light = self._radiance(view, piece[owner], offsets[here], cells[here], bare=canvas.bare)
             canvas.image[piece] = np.bincount(owner, radiance * weights[here], minlength=len(piece))
             if wanted is not None:
                 some = wanted[piece[owner]] & (face >= 0)
@@ -341,10 +349,17 @@ class FootprintRenderer(RaycastRenderer):
         return found
 
     def _radiance(
-        self, view: RayView, pixels: NDArray[np.int64], offsets: NDArray[np.float64], *, bare: bool = False
+        self,
+        view: RayView,
+        pixels: NDArray[np.int64],
+        offsets: NDArray[np.float64],
+        cells: NDArray[np.int32],
+        *,
+        bare: bool = False,
     ) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float64]]:
         """Return the radiance of samples, with the pixel and the offset of each, by tracing.
 
+        ``cells``: Cell of each sample, see `ImageCanvas.samples`; none if there are no cells.
         ``bare``: Whether to leave the light out. Returns face and light, see `_trace_samples`, as well.
         """
         from scenetruth.raycast.pixel_ray_kernels import sample_directions
@@ -358,7 +373,8 @@ class FootprintRenderer(RaycastRenderer):
             return radiance, hits.face, np.ones(len(radiance))
         level, rays = self._levels[body], (view.rays.origin, directions)
         if view.face_light is not None:
-            factors = self._shader.on_faces(view.caster, view.t, *rays, hits, view.face_light)
+            alike = (pixels, cells) if len(cells) else None
+            factors = self._shader.on_faces(view.caster, view.t, *rays, hits, view.face_light, alike)
             return radiance * factors.astype(np.float32), hits.face, level * factors
         light = self._shader.arrived(view.caster, view.t, *rays, hits, pixels)
         gloss = 0.0 if light.gloss is None else light.gloss

@@ -258,14 +258,25 @@ class Shader:
         directions: NDArray[np.float64],
         hits: Hits,
         face_light: FaceLight,
+        alike: tuple[NDArray[np.int64], NDArray[np.int32]] | None = None,
     ) -> NDArray[np.float64]:
-        """Return the irradiance at ray hits, 1 without a hit, where shadows are decided for all but a few faces."""
+        """Return the irradiance at ray hits, 1 without a hit, where shadows are decided for all but a few faces.
+
+        ``alike``: Pixel and cell of each ray: on a face, no shadow begins in a cell. Cells of -1 are none.
+        """
+        from scenetruth.render.shading_kernels import find_alike
+
         factors = face_light.total[hits.face]
         factors[hits.face < 0] = 1.0
         where = np.flatnonzero((hits.face >= 0) & face_light.unsure[hits.face])
-        points = origin_mm + directions[where] * hits.depth[where, None]
-        blocked = self._blocked(caster, t, points, hits.face[where], face_light)
-        factors[where] = face_light.without(hits.face[where], blocked)
+        face, one, of = hits.face[where], where, None
+        if alike is not None:
+            pixels, cells = alike
+            chosen, of = find_alike(face, pixels[where], cells[where], len(face_light.unsure))
+            one = where[chosen]
+        points = origin_mm + directions[one] * hits.depth[one, None]
+        blocked = self._blocked(caster, t, points, hits.face[one], face_light)
+        factors[where] = face_light.without(face, blocked if of is None else blocked[of])
         return factors
 
     def _blocked(

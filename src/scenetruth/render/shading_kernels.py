@@ -15,6 +15,7 @@ __all__ = [
     "behind_sphere",
     "direct_light",
     "facing_points",
+    "find_alike",
     "lit_means",
     "shade_image",
     "shadow_steps",
@@ -31,6 +32,27 @@ _MIX = np.uint64(0x9E3779B97F4A7C15)  # multiplier that combines the zones of al
 # Minimum number of points, of points with a cheap operation, and of pixel rows per thread.
 _LEAST_POINTS, _LEAST_EASY_POINTS, _LEAST_ROWS = 4096, 65536, 8
 # Kernels use unsigned indices, because signed indices are tested for negative values at every access.
+
+
+@kernel()
+def find_alike(faces: NDArray[np.int32], pixels: NDArray[np.int64], cells: NDArray[np.int32], count: int) -> Any:
+    """Return samples that stand for all, and for each sample the index of the one that stands for it.
+
+    Samples of a face in the same cell of a pixel are alike, unless one in another cell is between them.
+
+    ``faces``: Face of each sample, below ``count``. ``pixels``, ``cells``: Its pixel, and its cell, -1 for none.
+    """
+    last = np.full(count, -1, dtype=np.int64)
+    chosen, of, used = np.empty(faces.shape[0], dtype=np.int64), np.empty(faces.shape[0], dtype=np.int64), 0
+    for n in range(faces.shape[0]):
+        before = last[faces[n]]
+        if before >= 0 and cells[n] >= 0 and cells[n] == cells[before] and pixels[n] == pixels[before]:
+            of[n] = of[before]
+        else:
+            chosen[used], of[n] = n, used
+            used += 1
+        last[faces[n]] = n
+    return chosen[:used], of
 
 
 def smooth_points(
