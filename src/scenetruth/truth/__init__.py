@@ -16,6 +16,7 @@ from scenetruth.truth.truth_dataset import (
     TruthViews,
     blank_truth,
     count_tasks_at_once,
+    expect_rates,
     fill_truth,
     interior_warnings,
     memory_for,
@@ -26,6 +27,6 @@ from scenetruth.truth.truth_dataset import (
 __all__ = [
     "Geometries", "GeometryPass", "LightProvider", "PixelPoints", "PointTracker", "SurfacePoints", "TruthMaps",
     "TruthOptions", "TruthPoses", "TruthTasks", "TruthViews", "blank_truth", "compile_visibility",
-    "count_tasks_at_once", "fill_truth", "find_visible_points", "interior_warnings", "memory_for", "refuse_arguments",
-    "track_points", "truth_by_rows", "truth_from_world", "truth_maps",
+    "count_tasks_at_once", "expect_rates", "fill_truth", "find_visible_points", "interior_warnings", "memory_for",
+    "refuse_arguments", "track_points", "truth_by_rows", "truth_from_world", "truth_maps",
 ]  # fmt: skip
