@@ -39,6 +39,7 @@ from scenetruth.truth import (
     count_tasks_at_once,
     memory_for,
     refuse_arguments,
+    times_of_rates,
     truth_from_world,
 )
 
@@ -159,10 +160,10 @@ def simulate(
     scene = load_checked_scene(scene, overrides=overrides, limits=limits or Limits())
     refuse_beyond_limits(scene, limits)
     choice = TruthOptions(truth_views, truth_poses, truth_content)
-    work = _Work(scene, save_radiance=save_radiance, progress=progress)
+    work = _Work(scene, choice, save_radiance=save_radiance, progress=progress)
     with work.opened() as blank:
-        images, maps = IncrementalDataset(blank), IncrementalDataset(work.blank_truth(choice))
-        work.perform(choice, images.put, maps.put)
+        images, maps = IncrementalDataset(blank), IncrementalDataset(work.blank_truth())
+        work.perform(images.put, maps.put)
     work.warn(stacklevel=3)
     return Simulation(images.dataset(), maps.dataset())
 
@@ -231,8 +232,8 @@ def make_truth(
     refuse_arguments(scene, truth_views, truth_poses, truth_content, progress)
     scene = load_checked_scene(scene, overrides=overrides, limits=limits or Limits())
     refuse_beyond_limits(scene, limits)
-    world = build_checked_scene(scene)
     choice = TruthOptions(truth_views, truth_poses, truth_content)
+    world = build_checked_scene(scene, rates_at=times_of_rates(scene, choice))
     light = _light_of(scene, world, choice)
     return truth_from_world(scene, world, choice, provenance_attributes(scene), progress, light)
 
@@ -256,12 +257,12 @@ def simulate_into(
 
     text = yaml.safe_dump(scene.to_dict(), sort_keys=False, allow_unicode=True)
     (folder / SCENE).write_text(text, encoding="utf-8")
-    work = _Work(scene, save_radiance=save_radiance, progress=progress)
+    work = _Work(scene, choice, save_radiance=save_radiance, progress=progress)
     (recorded, measured), zipped = _stores(folder, scene), scene.storage.form == "zip"
     with work.opened() as blank, StoreWriter(recorded, blank, zipped=zipped) as images:
-        like, narrow = work.blank_truth(choice), scene.storage.truth == "float32"
+        like, narrow = work.blank_truth(), scene.storage.truth == "float32"
         with StoreWriter(measured, like, zipped=zipped, narrow=narrow) as maps:
-            work.perform(choice, images.put, maps.put)
+            work.perform(images.put, maps.put)
     work.warn(stacklevel=3)
     return blank.attrs["render_backend"], blank.attrs["render_fallback_reason"]
 
@@ -286,9 +287,9 @@ class _Image(NamedTuple):
 class _Work:
     """Simulation of one scene with arbitrary destinations of images and maps."""
 
-    def __init__(self, scene: Scene, *, save_radiance: bool, progress: Progress | None) -> None:
-        self.scene, self.save_radiance, self.progress = scene, save_radiance, progress
-        self.world = build_checked_scene(scene)
+    def __init__(self, scene: Scene, choice: TruthOptions, *, save_radiance: bool, progress: Progress | None) -> None:
+        self.scene, self.choice, self.save_radiance, self.progress = scene, choice, save_radiance, progress
+        self.world = build_checked_scene(scene, rates_at=times_of_rates(scene, choice))
         self.provenance = provenance_attributes(scene)
         self.warnings: list[str] = []
         sensor, shape = build_sensor_chain(scene.sensor), (scene.camera.height, scene.camera.width)
@@ -309,15 +310,15 @@ class _Work:
             attrs = {**self.provenance, "render_backend": name, "render_fallback_reason": choice.fallback_reason}
             yield blank_recording(scene, attrs, save_radiance=self.save_radiance)
 
-    def blank_truth(self, choice: TruthOptions) -> xr.Dataset:
+    def blank_truth(self) -> xr.Dataset:
         """Return the truth with blank maps; requires `opened`, to whose recording it belongs."""
-        return blank_truth(self.scene, choice, self.provenance)
+        return blank_truth(self.scene, self.choice, self.provenance)
 
     @with_one_blas_thread
-    def perform(self, choice: TruthOptions, put_image: Put, put_map: Put) -> None:
+    def perform(self, put_image: Put, put_map: Put) -> None:
         """Render all images, apply the sensor model, and compute the truth, in several threads; requires `opened`."""
         scene, progress = self.scene, self.progress
-        truth = TruthTasks(scene, self.world, choice, _light_of(scene, self.world, choice))
+        truth = TruthTasks(scene, self.world, self.choice, _light_of(scene, self.world, self.choice))
         size = (scene.camera.width * scene.camera.height, len(self.world.faces))
         at_once = count_tasks_at_once(*size)
         runs = self._list_images(at_once)

@@ -291,6 +291,17 @@ def test_the_last_snapshots_are_kept_and_are_those_of_their_times(monkeypatch: p
     assert list(world._recent) == [68.0, 69.0, -1.0, -2.0]
 
 
+def test_expected_rates_come_with_the_vertices() -> None:
+    world, alone = build_scene(cube()), build_scene(cube())
+    world.expect_rates([1.0])
+    assert world.at(0.0).rates is None
+    rates = world.at(1.0).rates
+    assert rates is not None
+    np.testing.assert_array_equal(rates, alone.rates_at(1.0))
+    np.testing.assert_array_equal(rates, alone.surface_at(1.0)[:, 3:6])
+    np.testing.assert_array_equal(world.at(1.0).accelerations, alone.at(1.0).accelerations)
+
+
 BOX = trimesh.creation.box((10, 10, 10))
 
 

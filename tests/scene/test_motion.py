@@ -14,8 +14,9 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from scenetruth.scene.deformation import Deformation
-from scenetruth.scene.motion import Motion, compose
+from scenetruth.scene.motion import Motion, compose, rotate_points
 from scenetruth.scene.reference_configuration import SheetConfiguration
+from scenetruth.scene.taylor import Jet
 from tests.helpers.moving_sheets import body, differences, made, positions, sheet, surface
 
 
@@ -183,6 +184,39 @@ def test_many_points_are_moved_as_few_of_them() -> None:
         np.testing.assert_array_equal(tensors[part], few.surface_at(0.7))
     at_rest = body(start, [])
     np.testing.assert_array_equal(at_rest.at(3.0).positions_mm[:, :2], start.material_mm)
+
+
+def test_rates_with_the_vertices_are_those_of_the_surface_alone() -> None:
+    start = sheet(200, 100)
+    leaf = body(start, [made(entry(name)) for name in ("growth", "bending", "nutation", "turn")])
+    moved, rates = leaf.at_with_rates(0.7)
+    np.testing.assert_array_equal(moved.positions_mm, leaf.at(0.7).positions_mm)
+    np.testing.assert_array_equal(moved.velocities, leaf.at(0.7).velocities)
+    np.testing.assert_array_equal(moved.accelerations, leaf.at(0.7).accelerations)
+    np.testing.assert_array_equal(rates, leaf.surface_at(0.7)[:, 3:6])
+    assert np.abs(rates).max() > 0
+
+
+@pytest.mark.parametrize("variables", [1, 3])
+def test_jets_turned_by_a_constant_angle_have_the_bits_of_the_formula(variables: int) -> None:
+    generator = np.random.default_rng(variables)
+    rows = 1 + variables + variables * (variables + 1) // 2
+    x, y, z = (Jet(generator.normal(size=(rows, 50)) * (generator.random((rows, 50)) < 0.8)) for _ in range(3))
+    axis, angle, centre = (1.0, -2.0, 0.5), np.deg2rad(37.0), (3.0, 0.0, -1.0)
+    found = rotate_points((x, y, z), axis, angle, centre)
+    (nx, ny, nz), (a, b, c) = np.asarray(axis) / np.linalg.norm(axis), (x - 3.0, y - 0.0, z - -1.0)
+    along = (nx * a + ny * b + nz * c) * (1 - np.cos(angle))
+    expected = (
+        a * np.cos(angle) + (ny * c - nz * b) * np.sin(angle) + nx * along + 3.0,
+        b * np.cos(angle) + (nz * a - nx * c) * np.sin(angle) + ny * along + 0.0,
+        c * np.cos(angle) + (nx * b - ny * a) * np.sin(angle) + nz * along + -1.0,
+    )
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one.coefficients, other.coefficients)
+        np.testing.assert_array_equal(np.signbit(one.coefficients), np.signbit(other.coefficients))
+    turn = Rotation.from_rotvec(angle * np.asarray(axis) / np.linalg.norm(axis))
+    rigid = turn.apply(np.stack([x.value, y.value, z.value], axis=1) - centre) + centre
+    np.testing.assert_allclose(np.stack([field.value for field in found], axis=1), rigid, atol=1e-14)
 
 
 def test_steady_acceleration() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,13 +23,15 @@ from scenetruth.scene.mesh import MeshFileError, TriangleMesh
 from scenetruth.scene.motion import MovedPoints, PointMap, Points, apply, pose_map, to_moved_points
 from scenetruth.scene.motion.motion_presets import FRAME_INTERVAL_S
 from scenetruth.scene.reference_configuration import (
+    AnalyticConfiguration,
     ReferenceConfiguration,
+    SheetConfiguration,
     corner_normals,
     make_reference_configuration,
 )
 from scenetruth.scene.scene_models import Scene, compute_image_times
 from scenetruth.scene.scene_object import SceneObject
-from scenetruth.scene.taylor import Jet
+from scenetruth.scene.taylor import TT, VALUE, Jet, T
 from scenetruth.scene.texture import Painted, SurfaceTexture, tint_texture
 from scenetruth.scene.texture.procedural_textures import UniformTexture
 from scenetruth.scene.vertex_animation import VertexModel
@@ -160,6 +162,18 @@ class SceneBody:
         points = self.start.at(time)
         return to_moved_points(apply(self.maps, points, time), len(points[0]))
 
+    def at_with_rates(self, t: float) -> tuple[MovedPoints, NDArray[np.float64]]:
+        """Return `at` and `rates_at` of a time, by one evaluation if the vertices are the surface points."""
+        if not isinstance(self.start, SheetConfiguration | AnalyticConfiguration):
+            return self.at(t), self.rates_at(t)
+        fields = self._surface(t)
+        rows = [field[[VALUE, T, TT]] for field in fields]
+        return MovedPoints(*(np.stack([row[order] for row in rows], axis=1) for order in range(3))), _rates(fields)
+
+    def rates_at(self, t: float) -> NDArray[np.float64]:
+        """Return the diagonal of the rate of deformation at all surface points at time t, 1/frame, shape (k, 3)."""
+        return _rates(self._surface(t))
+
     def positions_at(self, t: float) -> NDArray[np.float64]:
         """Return the vertex positions at time t, shape (n, 3), without velocities and compiled code."""
         time = np.array([float(t)])
@@ -172,22 +186,36 @@ class SceneBody:
         """Return the motion and shape tensors of all surface points at time t, see `surface_tensors`."""
         from scenetruth.scene.surface_tensor_kernels import surface_tensors
 
+        tensors: NDArray[np.float64] = surface_tensors(*self._surface(t))
+        return tensors
+
+    def _surface(self, t: float) -> list[NDArray[np.float64]]:
+        """Return the coefficients of X, Y and Z of all surface points at time t in t, a and b, shape (10, k) each."""
         time = Jet.variable(np.array([float(t)]), 0, 3)
         points = self.start.surface(time)
         shape = points[0].coefficients.shape
-        moved = apply(self.maps, points, time)
-        tensors: NDArray[np.float64] = surface_tensors(*(np.broadcast_to(field.coefficients, shape) for field in moved))
-        return tensors
+        return [np.broadcast_to(field.coefficients, shape) for field in apply(self.maps, points, time)]
+
+
+def _rates(fields: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the diagonal of the rate of deformation of surface points, see `SceneBody.rates_at`."""
+    from scenetruth.scene.surface_tensor_kernels import DEFORMATION, surface_tensors
+
+    return np.ascontiguousarray(surface_tensors(*fields)[:, DEFORMATION : DEFORMATION + 3])
 
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """Positions of all vertices in mm, velocities per frame and accelerations per frame², (n, 3), at t in frames."""
+    """Positions of all vertices in mm, velocities per frame and accelerations per frame², (n, 3), at t in frames.
+
+    ``rates``: See `BuiltScene.rates_at`, shape (k, 3); None if they are not expected.
+    """
 
     t: float
     vertices_mm: NDArray[np.float64]
     velocities: NDArray[np.float64]
     accelerations: NDArray[np.float64]
+    rates: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +231,7 @@ class BuiltScene:
     @cached_property
     def vertex_offsets(self) -> NDArray[np.int64]:
         """Index of the first vertex of every body, and the total count."""
-        return np.cumsum([0, *(len(body.vertices_mm) for body in self.bodies)])
+        return np.cumsum([0, *(len(body.mesh.vertices_mm) for body in self.bodies)])
 
     @cached_property
     def face_offsets(self) -> NDArray[np.int64]:
@@ -292,15 +320,20 @@ class BuiltScene:
         """Return all vertices at time t (in frames); recent snapshots are cached and must not be modified."""
         found = self._recent.get(t)
         if found is None:
-            moved = [body.at(t) for body in self.bodies]
+            if t in self._expected:
+                both = [body.at_with_rates(t) for body in self.bodies]
+                moved, rates = [one for one, _ in both], np.concatenate([other for _, other in both])
+            else:
+                moved, rates = [body.at(t) for body in self.bodies], None
             found = Snapshot(
                 t,
                 np.concatenate([item.positions_mm for item in moved]),
                 np.concatenate([item.velocities for item in moved]),
                 np.concatenate([item.accelerations for item in moved]),
+                rates,
             )
             # Several threads may do the same.
-            size = 3 * found.vertices_mm.size
+            size = 3 * found.vertices_mm.size + (0 if rates is None else rates.size)
             # Images and truth of a time have its snapshot in common.
             kept = int(np.clip(_SNAPSHOT_NUMBERS // max(size, 1), _SNAPSHOT_COUNT, _MOST_SNAPSHOTS))
             for oldest in list(self._recent)[: 1 - kept]:
@@ -313,18 +346,31 @@ class BuiltScene:
         """Cached snapshots by time, oldest first."""
         return {}
 
+    @cached_property
+    def _expected(self) -> set[float]:
+        """Times of `expect_rates`."""
+        return set()
+
+    def expect_rates(self, times: Iterable[float]) -> None:
+        """Compute the rates of deformation at some times together with the vertices, which takes half the time."""
+        self._expected.update(times)
+
     def in_bands(self, bodies: Sequence[tuple[SceneBody, ...]]) -> BuiltScene:
         """Return the scene with the objects of each band, which have the same shapes and motions."""
         bands = tuple(BuiltScene(each) for each in bodies)
         found = BuiltScene(self.bodies, bands)
         for each in (found, *bands):
             # The vertices of a time are computed once.
-            each.__dict__["_recent"] = self._recent
+            each.__dict__["_recent"], each.__dict__["_expected"] = self._recent, self._expected
         return found
 
     def surface_at(self, t: float) -> NDArray[np.float64]:
         """Return the motion and shape tensors of all surface points at time t, shape (k, 18), see `surface_tensors`."""
         return np.concatenate([body.surface_at(t) for body in self.bodies])
+
+    def rates_at(self, t: float) -> NDArray[np.float64]:
+        """Return the diagonal of the rate of deformation at all surface points at time t, 1/frame, shape (k, 3)."""
+        return np.concatenate([body.rates_at(t) for body in self.bodies])
 
 
 def build_scene(

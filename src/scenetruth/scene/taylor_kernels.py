@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scenetruth.kernels import kernel
 from scenetruth.threads import in_bands
 
-__all__ = ["compose", "multiply"]
+__all__ = ["compose", "multiply", "rotate"]
 
 _BLOCK = 256  # block size such that all rows of both factors and of the product fit into the cache
 _LEAST = 65536  # minimum number of coefficients per thread
@@ -71,6 +71,40 @@ def _compose(begin: int, end: int, x: Any, value: Any, first: Any, second: Any, 
                     outer = second[n * step] * x[1 + i, n * step_x] * x[1 + j, n * step_x]
                     out[row, n] = first[n * step] * x[row, n * step_x] + outer
                 row += 1
+
+
+def rotate(
+    points: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+    axis: tuple[float, float, float],
+    sine: float,
+    cosine: float,
+    centre: tuple[float, float, float],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Rotate points by a constant angle about an axis, a unit vector: as by arithmetic with jets, to the last bit.
+
+    ``points``: Coefficients of X, Y and Z, shape (rows, n) each.
+    """
+    shape = points[0].shape
+    out = np.empty(shape), np.empty(shape), np.empty(shape)
+    _rotate(points, axis, sine, cosine, centre, out)
+    return out
+
+
+@kernel()
+def _rotate(points: Any, axis: Any, sine: float, cosine: float, centre: Any, out: Any) -> None:
+    rows, count = points[0].shape
+    nx, ny, nz = axis
+    rest = 1.0 - cosine
+    for row in range(rows):
+        # Only values have a centre. Minus zero changes no number.
+        ax, ay, az = (-centre[0], -centre[1], -centre[2]) if row == 0 else (-0.0, -0.0, -0.0)
+        cx, cy, cz = centre if row == 0 else (-0.0, -0.0, -0.0)
+        for n in range(count):
+            x, y, z = points[0][row, n] + ax, points[1][row, n] + ay, points[2][row, n] + az
+            along = (nx * x + ny * y + nz * z) * rest
+            out[0][row, n] = x * cosine + (ny * z - nz * y) * sine + nx * along + cx
+            out[1][row, n] = y * cosine + (nz * x - nx * z) * sine + ny * along + cy
+            out[2][row, n] = z * cosine + (nx * y - ny * x) * sine + nz * along + cz
 
 
 def _in_bands(kernel: Callable[..., None], *arguments: Any) -> None:

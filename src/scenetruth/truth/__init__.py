@@ -20,12 +20,13 @@ from scenetruth.truth.truth_dataset import (
     interior_warnings,
     memory_for,
     refuse_arguments,
+    times_of_rates,
     truth_from_world,
 )
 
 __all__ = [
     "Geometries", "GeometryPass", "LightProvider", "PixelPoints", "PointTracker", "SurfacePoints", "TruthMaps",
     "TruthOptions", "TruthPoses", "TruthTasks", "TruthViews", "blank_truth", "compile_visibility",
-    "count_tasks_at_once", "fill_truth", "find_visible_points", "interior_warnings", "memory_for", "refuse_arguments",
-    "track_points", "truth_by_rows", "truth_from_world", "truth_maps",
+    "count_tasks_at_once", "fill_truth", "find_visible_points", "interior_warnings", "memory_for",
+    "refuse_arguments", "times_of_rates", "track_points", "truth_by_rows", "truth_from_world", "truth_maps",
 ]  # fmt: skip

@@ -55,6 +55,12 @@ class GeometryPass:
         """Shape and motion tensors of all surface points (`BuiltScene.surface_at`), shape (k, 18)."""
         return self.world.surface_at(self.snapshot.t)
 
+    @cached_property
+    def rates(self) -> NDArray[np.float64]:
+        """Diagonal of the rate of deformation at all surface points, shape (k, 3)."""
+        found = self.snapshot.rates
+        return self.world.rates_at(self.snapshot.t) if found is None else found
+
 
 class Geometries:
     """Geometry of a scene at any time, with a cache of the most recent ``kept`` times, for several threads."""
@@ -124,7 +130,7 @@ def truth_maps(
         hits.weights,
         normal,
         world.surface_corners,
-        geometry.surface_tensors,
+        geometry.rates if maps == "standard" else geometry.surface_tensors,
         viewpoint.rotation.T,
         maps != "standard",
     )

@@ -152,7 +152,7 @@ def fill_surface_maps(
     ``normal``: Unit face normal in the camera frame, towards the camera, shape (3, n).
     ``corners``: Surface points at the face corners, as indices into ``tensors``, shape (m, 3).
     ``tensors``: Tensors of surface points in the world, see `scenetruth.scene.surface_tensor_kernels.surface_tensors`,
-      shape (k, 18).
+      shape (k, 18); if not ``complete``, only the diagonal of the rate of deformation, shape (k, 3).
     ``to_camera``: Rotation from the world to the camera frame, shape (3, 3).
     Returns: Principal curvatures in 1/mm, the larger first, positive where the surface bulges towards the camera, shape
     (2, n); rotation rate in rad per frame in the camera frame, (3, n); growth rate, 1 per frame, (n,); principal growth
@@ -204,9 +204,10 @@ def _fill_surface_maps(
             continue
         b1, b2 = weights[n, 0], weights[n, 1]
         first, second, third = corners[met, 0], corners[met, 1], corners[met, 2]
-        for k in range(0 if complete else DEFORMATION, WIDTH if complete else DEFORMATION + 3):
+        begin = 0 if complete else DEFORMATION
+        for k in range(WIDTH if complete else 3):
             value = tensors[first, k]
-            mean[k] = value + b1 * (tensors[second, k] - value) + b2 * (tensors[third, k] - value)
+            mean[begin + k] = value + b1 * (tensors[second, k] - value) + b2 * (tensors[third, k] - value)
         growth[n] = mean[DEFORMATION] + mean[DEFORMATION + 1] + mean[DEFORMATION + 2]
         if not complete:
             continue

@@ -42,6 +42,7 @@ __all__ = [
     "interior_warnings",
     "memory_for",
     "refuse_arguments",
+    "times_of_rates",
     "truth_from_world",
 ]
 
@@ -212,6 +213,18 @@ def blank_truth(scene: Scene, choice: TruthOptions, provenance: dict[str, Any]) 
         channel=camera.bands or None,
         attrs={**provenance, "object_names": objects, "truth_poses": choice.poses},
     )
+
+
+def times_of_rates(scene: Scene, choice: TruthOptions) -> list[float]:
+    """Return the times at which the ground truth of a scene needs the rates of deformation, as far as they are few."""
+    if choice.content != "standard" or scene.shutter.readout_time_s > 0:
+        return []
+    schedule, stage = build_schedule(scene), scene.stage
+    moment_of = schedule.moment if choice.poses == "actual" else schedule.nominal
+    cameras = [
+        (s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist() if choice.views == "all" or s == s_y == 0
+    ]
+    return [moment_of(s, t, s_y).t for s_y, s in cameras for t in scene.frames.t.tolist()]
 
 
 class TruthTasks:
