@@ -27,6 +27,7 @@ from benchmarks.beside import scene_of
 from benchmarks.peers.catalogue import PEERS, command_of
 from benchmarks.peers.pairs import Pair, made
 from benchmarks.peers.programs.folder import whole_shift
+from benchmarks.results.jobs import estimators_hash
 from benchmarks.star import INTERIOR_PX, crossings, periods_px
 from numpy.typing import NDArray
 
@@ -229,7 +230,7 @@ def measure_four_images(folder: Path, peers: Path) -> Iterator[tuple[str, float]
             continue
         file = _file(folder, name)
         file.parent.mkdir(parents=True, exist_ok=True)
-        plain = {"job": asdict(job), "found": found, "processor_s": _processor_s() - started}
+        plain = {"job": _identity(job), "found": found, "processor_s": _processor_s() - started}
         with write_atomically(file, overwrite=True) as partial:
             partial.write_text(json.dumps(plain, indent=1), encoding="utf-8")
         yield name, _processor_s() - started
@@ -250,7 +251,7 @@ def stored_four_images(folder: Path, name: str) -> dict[str, dict[str, float]] |
         return None
     there = json.loads(file.read_text(encoding="utf-8"))
     found: dict[str, dict[str, float]] = there["found"]
-    return found if there["job"] == json.loads(json.dumps(asdict(JOBS[name]))) else None
+    return found if there["job"] == json.loads(json.dumps(_identity(JOBS[name]))) else None
 
 
 def four_images_table(folder: Path) -> pd.DataFrame:
@@ -268,6 +269,12 @@ def four_images_table(folder: Path) -> pd.DataFrame:
             line = {"job": name, "method": job.peer, "scene": job.scene, "options": " ".join(job.options)}
             lines.append(line | {"quantity": quantity, **values})
     return pd.DataFrame(lines, columns=list(COLUMNS))
+
+
+def _identity(job: FourImages) -> dict[str, Any]:
+    """Return all on which the result of a run depends: of a built-in method also its code."""
+    own = job.peer != "opencv" and job.peer not in PEERS
+    return asdict(job) | ({"code": estimators_hash()} if own else {})
 
 
 def _file(folder: Path, name: str) -> Path:

@@ -64,7 +64,8 @@ class Results:
     def best_losses(self) -> pd.DataFrame:
         """The most accurate program of every value in which one is ahead of the built-in method, the largest first."""
         counted = self.losses[self.losses["counts"].astype(bool)]
-        order = counted.assign(order=counted["ratio"].fillna(0.0)).sort_values("order")
+        # Without a value of the built-in method there is no ratio: the smallest value is the most accurate.
+        order = counted.assign(order=counted["ratio"].fillna(0.0)).sort_values(["order", "value"])
         return order.drop_duplicates(["case", "scene", "quantity", "statistic"]).drop(columns="order")
 
 
@@ -253,7 +254,8 @@ def bars_table(results: Results) -> str:
         places = ", ".join(
             f"{row['level'] if row['case'] == GALLERY else all_cases()[row['case']].title.lower()} "
             f"({spelled(row['beyond_3_std_percent'])}{_PERCENT})"
-            for row in worst.drop_duplicates(["case"] if (worst["case"] != GALLERY).all() else ["case", "level"])
+            for row in worst.assign(place=worst["level"].where(worst["case"] == GALLERY, worst["case"]))
+            .drop_duplicates("place")
             .head(6)
             .to_dict("records")
         )

@@ -17,9 +17,10 @@ from typing import Any
 
 import xarray as xr
 from benchmarks.peers.catalogue import HERE, PEERS, requirements_of, words_of
-from benchmarks.results.contestants import PROGRAM, Contestant, version_of
+from benchmarks.results.contestants import PROGRAM, SUBMITTED, Contestant, version_of
 
 import scenetruth as st
+from scenetruth import estimators
 from scenetruth.benchmark.cases.case import BenchmarkRecord, Case, all_cases
 from scenetruth.benchmark.design_point import (
     DesignPoint,
@@ -30,16 +31,18 @@ from scenetruth.benchmark.design_point import (
 from scenetruth.estimators import MethodSpec
 from scenetruth.estimators.external import ResultsFolder, recording_key, write_recording
 from scenetruth.jobs.results import ResultStore, compute_key
-from scenetruth.provenance import content_hash
+from scenetruth.provenance import content_hash, scene_hash
 from scenetruth.simulation import simulate
 
 __all__ = [
     "GALLERY_SIZE",
     "ONE_THREAD",
     "Job",
+    "estimators_hash",
     "list_jobs",
     "measure_jobs",
     "processor_name",
+    "result_key",
     "run_batch",
     "stored_cost",
     "stored_rows",
@@ -137,7 +140,8 @@ def measure_jobs(
     for chunk in _chunks(jobs):
         simulated: dict[DesignPoint, Simulated] = {}
         for one in contestants:
-            missing = [job for job in chunk if fresh or not _store(folder, one).is_done(_file(job), _key(job, one))]
+            store = _store(folder, one)
+            missing = [job for job in chunk if fresh or not store.is_done(_file(job), result_key(job, one))]
             if not missing:
                 continue
             for job in missing:
@@ -151,7 +155,7 @@ def measure_jobs(
                     started = _processor_s()
                     values = _measured(job, one, spec or one.spec, simulated, errors)
                     seconds = share + _processor_s() - started
-                    _store(folder, one).write(_file(job), _key(job, one), values | {"processor_s": seconds})
+                    store.write(_file(job), result_key(job, one), values | {"processor_s": seconds})
                     yield job.name, one.key, seconds
 
 
@@ -181,7 +185,7 @@ def stored_rows(
     others = []
     missing: list[str] = []
     for job in jobs:
-        values = _store(folder, contestant).find(_file(job), _key(job, contestant))
+        values = _store(folder, contestant).find(_file(job), result_key(job, contestant))
         if values is None:
             missing.append(job.name)
             continue
@@ -288,27 +292,37 @@ def _file(job: Job) -> str:
     return job.name.replace("/", "_")
 
 
-def _key(job: Job, one: Contestant) -> str:
+def result_key(job: Job, one: Contestant) -> str:
+    """Return the digest of all on which the results of a method on a job depend."""
     return compute_key({"format": 1, "case": job.case.kind, "scenes": _scenes(job), "method": _identity(one)})
 
 
 @cache
 def _scenes(job: Job) -> list[tuple[Any, ...]]:
-    """Return all scenes of a job as plain values."""
+    """Return all scenes of a job as plain values; files count by their content, wherever they are."""
+    scenes = [(point, job.scene(point)) for point in job.points]
     return [
-        (point.values, point.seeds, job.scene(point).to_dict(), job.case.noise_std(point.values[0]))
-        for point in job.points
+        (point.values, point.seeds, scene_hash(scene), scene.to_dict()["score"], job.case.noise_std(point.values[0]))
+        for point, scene in scenes
     ]
 
 
 def _identity(one: Contestant) -> Any:
     """Return all on which the results of a method depend."""
     if one.group != PROGRAM:
-        return [one.spec.identity, version_of(one)]
+        return [one.spec.identity, version_of(one), *([] if one.group == SUBMITTED else [estimators_hash()])]
     programs = HERE / "programs"
     code = [programs / "folder.py", programs / f"{PEERS[one.key].program}.py"]
     requirements = requirements_of(PEERS[one.key].environment)[1]
     return [requirements, [content_hash(file) for file in code], PEERS[one.key].options]
+
+
+@cache
+def estimators_hash() -> str:
+    """Return a hash of the code of the built-in methods, whose results are of this code only."""
+    folder = Path(estimators.__path__[0])
+    files = sorted(folder.rglob("*.py"))
+    return compute_key([(file.relative_to(folder).as_posix(), content_hash(file)) for file in files])
 
 
 def processor_name() -> str:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import shlex
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from benchmarks.results import __main__ as command
+from benchmarks.results import jobs
 from benchmarks.results.comparison import losses, relative_values, value_of, values
 from benchmarks.results.contestants import BUILT_IN, CONTESTANTS, PROGRAM, submitted
 from benchmarks.results.data import (
@@ -26,9 +29,10 @@ from benchmarks.results.data import (
 from benchmarks.results.four_images import COLUMNS as FOUR_COLUMNS
 from benchmarks.results.four_images import JOBS
 from benchmarks.results.fragments import FRAGMENTS, Results
-from benchmarks.results.jobs import Job, list_jobs, measure_jobs, stored_rows
+from benchmarks.results.jobs import Job, list_jobs, measure_jobs, result_key, stored_rows
 from benchmarks.results.pages import PAGES, fragments_of, read_results, with_fragments, write_pages
 
+from scenetruth import load_scene
 from scenetruth.benchmark.cases import ALL, BOUND, METHOD_VALID, BenchmarkRecord, all_cases
 from tests.helpers.nightly import nightly
 
@@ -100,6 +104,48 @@ def test_a_built_in_method_without_a_result_is_a_loss() -> None:
     assert (line["program"], line["counts"], math.isnan(line["ratio"])) == ("other", True, True)
     # One that was not measured yet is none.
     assert losses([replace(own, missing=("slope",)), other]).empty
+
+
+def test_the_most_accurate_program_is_named_also_where_the_built_in_method_has_no_result() -> None:
+    own = method("refined_4", BUILT_IN, [("slope", "30", "disparity", math.nan, 0.0)])
+    whole = replace(own, key="refined", title="refined")
+    programs = [
+        method(f"program_{number}", PROGRAM, [("slope", "30", "disparity", error, 90.0)])
+        for number, error in enumerate((0.4, 0.1, 0.3, 0.2))
+    ]
+    best = Results([own, whole, *programs], pd.DataFrame()).best_losses
+    (line,) = best[best["statistic"] == "rmse"].to_dict("records")
+    assert (line["program"], line["value"]) == ("program_1", 0.1)
+
+
+def test_places_of_small_bars_are_named_once() -> None:
+    cells = [("slope", "30", "disparity", 0.1, 80.0), ("slope", "60", "disparity", 0.1, 80.0)]
+    cells += [("gallery", "cube", "disparity", 0.1, 80.0), ("gallery", "leaf", "disparity", 0.1, 80.0)]
+    own = method("refined_4", BUILT_IN, cells)
+    own.table["rms_z"], own.table["beyond_3_std_percent"] = 2.0, [5.0, 4.0, 3.0, 2.0]
+    table = FRAGMENTS["error-bars"](Results([own, replace(own, key="refined")], pd.DataFrame()))
+    assert "slope (5.0\N{NO-BREAK SPACE}%), cube (3.0\N{NO-BREAK SPACE}%), leaf (2.0\N{NO-BREAK SPACE}%)" in table
+
+
+def test_results_are_of_the_code_of_the_methods_and_of_scenes_wherever_they_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (job,) = (one for one in list_jobs() if one.name == "gallery/finite_elements")
+    (own,) = (one for one in CONTESTANTS if one.key == "structure_tensor")
+    (program,) = (one for one in CONTESTANTS if one.key == "mudic")
+    former = [result_key(job, one) for one in (own, program)]
+    # The same files elsewhere.
+    (point,) = job.points
+    shutil.copytree(DOCS.parent / "scenes", tmp_path / "scenes")
+    moved = json.loads(json.dumps(job.scene(point).to_dict()).replace(str(DOCS.parent), str(tmp_path)))
+    assert moved != job.scene(point).to_dict()
+    elsewhere = replace(job, name="elsewhere")
+    monkeypatch.setattr(Job, "scene", lambda *_: load_scene(moved))
+    assert [result_key(elsewhere, one) for one in (own, program)] == former
+    # Another code of the built-in methods.
+    monkeypatch.setattr(jobs, "estimators_hash", lambda: "another")
+    assert result_key(job, own) != former[0]
+    assert result_key(job, program) == former[1]
 
 
 def test_missing_jobs_are_named_with_their_methods_and_counted() -> None:
