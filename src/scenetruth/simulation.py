@@ -36,9 +36,9 @@ from scenetruth.truth import (
     TruthPoses,
     TruthTasks,
     TruthViews,
+    announce_truth,
     blank_truth,
     count_tasks_at_once,
-    expect_rates,
     memory_for,
     refuse_arguments,
     truth_from_world,
@@ -235,7 +235,7 @@ def make_truth(
     refuse_beyond_limits(scene, limits)
     world = build_scene(scene)
     choice = TruthOptions(truth_views, truth_poses, truth_content)
-    expect_rates(scene, world, choice)
+    announce_truth(scene, world, choice)
     check_scene(scene, world)
     light = _light_of(scene, world, choice)
     return truth_from_world(scene, world, choice, provenance_attributes(scene), progress, light)
@@ -293,7 +293,7 @@ class _Work:
     def __init__(self, scene: Scene, choice: TruthOptions, *, save_radiance: bool, progress: Progress | None) -> None:
         self.scene, self.choice, self.save_radiance, self.progress = scene, choice, save_radiance, progress
         self.world = build_scene(scene)
-        expect_rates(scene, self.world, choice)
+        announce_truth(scene, self.world, choice)
         check_scene(scene, self.world)
         self.provenance = provenance_attributes(scene)
         self.warnings: list[str] = []

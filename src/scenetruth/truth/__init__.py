@@ -14,9 +14,9 @@ from scenetruth.truth.truth_dataset import (
     TruthPoses,
     TruthTasks,
     TruthViews,
+    announce_truth,
     blank_truth,
     count_tasks_at_once,
-    expect_rates,
     fill_truth,
     interior_warnings,
     memory_for,
@@ -26,7 +26,7 @@ from scenetruth.truth.truth_dataset import (
 
 __all__ = [
     "Geometries", "GeometryPass", "LightProvider", "PixelPoints", "PointTracker", "SurfacePoints", "TruthMaps",
-    "TruthOptions", "TruthPoses", "TruthTasks", "TruthViews", "blank_truth", "compile_visibility",
-    "count_tasks_at_once", "expect_rates", "fill_truth", "find_visible_points", "interior_warnings", "memory_for",
+    "TruthOptions", "TruthPoses", "TruthTasks", "TruthViews", "announce_truth", "blank_truth", "compile_visibility",
+    "count_tasks_at_once", "fill_truth", "find_visible_points", "interior_warnings", "memory_for",
     "refuse_arguments", "track_points", "truth_by_rows", "truth_from_world", "truth_maps",
 ]  # fmt: skip
