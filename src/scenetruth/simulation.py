@@ -21,11 +21,12 @@ from scenetruth.progress import Progress
 from scenetruth.provenance import blank_recording, build_schedule, provenance_attributes, recording_hash
 from scenetruth.random_streams import generator_for
 from scenetruth.render import Renderer, choose_renderer
-from scenetruth.resources import Limits, build_checked_scene, load_checked_scene, refuse_beyond_limits
+from scenetruth.resources import Limits, load_checked_scene, raising_all_problems, refuse_beyond_limits
 from scenetruth.scene import Overrides, SceneLike
-from scenetruth.scene.built_scene import BuiltScene
+from scenetruth.scene.built_scene import BuiltScene, build_scene
 from scenetruth.scene.lighting import Lighting
 from scenetruth.scene.scene_models import Scene
+from scenetruth.scene.scene_report import check_scene
 from scenetruth.schema import IncrementalDataset, Put
 from scenetruth.storage import RECORDING, SCENE, TRUTH, StoreWriter, store_name
 from scenetruth.threads import in_order, with_one_blas_thread
@@ -35,11 +36,11 @@ from scenetruth.truth import (
     TruthPoses,
     TruthTasks,
     TruthViews,
+    announce_truth,
     blank_truth,
     count_tasks_at_once,
     memory_for,
     refuse_arguments,
-    times_of_rates,
     truth_from_world,
 )
 
@@ -233,7 +234,7 @@ def make_truth(
     scene = load_checked_scene(scene, overrides=overrides, limits=limits or Limits())
     refuse_beyond_limits(scene, limits)
     choice = TruthOptions(truth_views, truth_poses, truth_content)
-    world = build_checked_scene(scene, rates_at=times_of_rates(scene, choice))
+    world = _build(scene, choice)
     light = _light_of(scene, world, choice)
     return truth_from_world(scene, world, choice, provenance_attributes(scene), progress, light)
 
@@ -273,6 +274,16 @@ def _stores(folder: Path, scene: Scene) -> tuple[Path, Path]:
     return folder / store_name(RECORDING, zipped=zipped), folder / store_name(TRUTH, zipped=zipped)
 
 
+def _build(scene: Scene, choice: TruthOptions) -> BuiltScene:
+    """Build a scene for images and ground truth, or raise an error with the problems of all objects and lamps."""
+    with raising_all_problems(scene):
+        world = build_scene(scene)
+        # The geometry that checks compute serves the ground truth.
+        announce_truth(scene, world, choice)
+        check_scene(scene, world)
+    return world
+
+
 class _Image(NamedTuple):
     """Image of the scan: index in the recording; moment; row, camera and frame; and, once rendered, its values."""
 
@@ -289,7 +300,7 @@ class _Work:
 
     def __init__(self, scene: Scene, choice: TruthOptions, *, save_radiance: bool, progress: Progress | None) -> None:
         self.scene, self.choice, self.save_radiance, self.progress = scene, choice, save_radiance, progress
-        self.world = build_checked_scene(scene, rates_at=times_of_rates(scene, choice))
+        self.world = _build(scene, choice)
         self.provenance = provenance_attributes(scene)
         self.warnings: list[str] = []
         sensor, shape = build_sensor_chain(scene.sensor), (scene.camera.height, scene.camera.width)

@@ -8,9 +8,19 @@ import numpy as np
 import pytest
 
 from scenetruth.camera import Viewpoint
-from scenetruth.raycast import ImageRays, RayCaster, TexturedMesh
+from scenetruth.raycast import Hits, ImageRays, RayCaster, TexturedMesh
 from scenetruth.raycast.hit_kernels import walk_footprints
-from scenetruth.render.footprint_kernels import Footprints, LampLight, average_footprints, sample_raster
+from scenetruth.render.footprint_kernels import (
+    Footprints,
+    LampLight,
+    Raster,
+    add_samples,
+    average_footprints,
+    order_samples,
+    sample_hits,
+    sample_raster,
+    sort_by_body,
+)
 from scenetruth.render.footprint_rules import raster_of
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.render.sampling_rules import gauss_rule, square_rule
@@ -80,3 +90,40 @@ def test_next_to_other_bodies_walks_end_at_intersecting_faces_only() -> None:
         number.append(average_footprints(mesh, rays, footprints, raster, none)[0].sum())
     strict = Footprints(pixels, every, every + 4, offsets, weights, np.empty(0, dtype=np.bool_))
     assert number[0] == average_footprints(mesh, rays, strict, raster, none)[0].sum() < number[1]
+
+
+def test_hits_are_sorted_by_body_and_looked_up() -> None:
+    generator = np.random.default_rng(5)
+    face = generator.integers(-1, 20, 300).astype(np.int32)
+    face_body = generator.integers(0, 4, 20).astype(np.int32)
+    order, starts = sort_by_body(face, face_body, 5)
+    for body in range(5):
+        own = np.flatnonzero((face >= 0) & (face_body[face] == body))
+        np.testing.assert_array_equal(order[starts[body] : starts[body + 1]], own)
+    assert len(order) == np.count_nonzero(face >= 0)
+    hits = Hits(face, np.ones(300), generator.random((300, 2)) / 2)
+    uv = generator.normal(size=(20, 3, 2))
+    values = generator.random((30, 40)).astype(np.float32)
+    where, found, expected = order[: starts[2]], *np.zeros((2, 300), dtype=np.float32)
+    for raster in (Raster(values, True, True, 0.5, 0.2), Raster(values, False, True, 1.0, 0.0)):
+        sample_hits(raster, uv, hits.face, hits.weights, where, found)
+        sample_raster(raster, hits.interpolate_corners(uv), where, expected)
+        np.testing.assert_array_equal(found, expected)
+        assert np.count_nonzero(found) == len(where)
+
+
+def test_samples_are_ordered_and_added_by_pixel() -> None:
+    generator = np.random.default_rng(6)
+    pixels, counts = np.array([9, 2, 5]), np.array([2, 1, 3])
+    starts, order = np.cumsum(counts) - counts, np.argsort(pixels)
+    offsets, weights, cells = generator.random((6, 2)), generator.random(6), np.arange(6, dtype=np.int32)
+    owner, moved, shares, numbers = order_samples(order, pixels, starts, counts, offsets, weights, cells)
+    expected = [2, 3, 4, 5, 0, 1]
+    assert owner.tolist() == [2, 5, 5, 5, 9, 9]
+    assert numbers.tolist() == expected
+    np.testing.assert_array_equal(moved, offsets[expected])
+    np.testing.assert_array_equal(shares, weights[expected])
+    radiance = generator.random(6).astype(np.float32)
+    means = add_samples(counts[order], radiance, shares)
+    product = radiance * shares
+    np.testing.assert_allclose(means, [product[:1].sum(), product[1:4].sum(), product[4:].sum()], rtol=1e-15)

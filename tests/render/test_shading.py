@@ -310,6 +310,15 @@ def test_light_beyond_full_scale_is_warned_of() -> None:
         st.simulate(plane({"lights": [sun]}, frames={"count": 1}, stage={"positions": 1, "baseline_mm": 5}))
 
 
+def test_light_of_faces_that_are_hit() -> None:
+    from scenetruth.render.shading_kernels import light_of_faces
+
+    total, unsure = np.array([0.5, 0.25, 2.0]), np.array([False, True, False])
+    light, where = light_of_faces(np.array([2, -1, 1, 0, 1], dtype=np.int32), total, unsure)
+    assert light.tolist() == [2.0, 1.0, 0.25, 0.5, 0.25]
+    assert where.tolist() == [2, 4]
+
+
 def test_samples_that_stand_for_others() -> None:
     from scenetruth.render.shading_kernels import find_alike
 

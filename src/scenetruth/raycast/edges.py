@@ -31,6 +31,7 @@ class MixedPixels:
     ``ends``: Ends x0, y0, x1, y1 of these edges relative to the pixel centre in px, also outside the pixel, shape
       (k, 4). Rays are linear in x and y, as in `ImageRays`.
     ``seen``: Whether any tested piece of the edge in this pixel is visible, shape (k,).
+    ``surfaces``: The mixed pixels without `SurfaceLines`, shape (height, width); None if they are not wanted.
     """
 
     mixed: NDArray[np.bool_]
@@ -38,6 +39,7 @@ class MixedPixels:
     pixels: NDArray[np.int64]
     ends: NDArray[np.float64]
     seen: NDArray[np.bool_]
+    surfaces: NDArray[np.bool_] | None = None
 
 
 class SurfaceLines(NamedTuple):
@@ -93,12 +95,21 @@ def find_mixed_pixels(
     bodies: NDArray[np.int32],
     lines: SurfaceLines | None = None,
     changes: Changes | None = None,
+    *,
+    apart: bool = False,
 ) -> MixedPixels:
     """Find the mixed pixels, see `mixed_pixels`, and the edges in them.
 
     ``lines``: Other lines, which make the pixels mixed that they cross where something changes.
+    ``apart``: Whether the mixed pixels without these lines are wanted as well.
     """
     mixed, bare, pieces = _marked(caster, viewpoint, camera, bodies, lines, changes)
+    surfaces = None
+    if apart:
+        surfaces = np.zeros_like(mixed)
+        of_edges = len(pieces.ends_mm) - (0 if lines is None else len(lines.face))
+        _mark(surfaces, pieces.positions[pieces.seen & (pieces.edge < of_edges)])
+        _mark_unmarked_borders(surfaces, bodies)
     columns, rows = _pixels_of(pieces.positions, mixed.shape)
     pixels = rows * camera.width + columns
     inside = np.flatnonzero(mixed.ravel()[pixels])
@@ -111,7 +122,7 @@ def find_mixed_pixels(
     rays, corners = pixel_rays(camera), pieces.ends_mm[edge]
     _cut_in_front(corners)
     ends = places_in_pixels(rays.directions, rays.steps, camera.width, pixels, corners)[1].reshape(-1, 4)
-    return MixedPixels(mixed, bare, pixels, ends, seen)
+    return MixedPixels(mixed, bare, pixels, ends, seen, surfaces)
 
 
 def places_in_pixels(

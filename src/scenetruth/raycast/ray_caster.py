@@ -135,6 +135,15 @@ class RayCaster:
                 return hits
         return self._trace(origin, directions, grid_width)
 
+    def hit_faces(
+        self, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], face: NDArray[np.int32]
+    ) -> Hits:
+        """Return the hits of rays whose first faces are determined, as `cast` returns them."""
+        from scenetruth.raycast.raster_kernels import hits_on_faces
+
+        origin, directions = np.asarray(origin_mm, dtype=np.float64), np.ascontiguousarray(directions)
+        return Hits(face, *hits_on_faces(self.vertices_mm, self.topology.faces, origin, directions, face))
+
     def cast_in_pixels(
         self, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], pixels: NDArray[np.int64]
     ) -> Hits:

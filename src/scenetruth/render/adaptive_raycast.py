@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scenetruth.camera import Viewpoint
 from scenetruth.raycast import (
     Changes,
+    FirstFaces,
     ImageRays,
     MixedPixels,
     RayCaster,
@@ -101,7 +102,10 @@ class AdaptiveRenderer(SteppedLightRenderer):
         decided = faces is not None and faces.decided
         lines = faces.borders if faces is not None and decided else None
         changes = None if self._shader is None else self._shader.changes(caster, t)
-        edges = self._find_mixed(caster, viewpoint, body.reshape(shape), lines, changes)
+        wanted = self._surfaces.hits.expects(t, camera, viewpoint)
+        edges = self._find_mixed(caster, viewpoint, body.reshape(shape), lines, changes, apart=wanted)
+        if edges.surfaces is not None:
+            self._surfaces.hits.keep(t, camera, viewpoint, FirstFaces(hits.face, edges.surfaces))
         light, shade, blocked = None, np.empty(0), np.empty(0, dtype=np.uint64)
         if self._shader is not None:
             if faces is not None and decided:
@@ -159,11 +163,13 @@ class AdaptiveRenderer(SteppedLightRenderer):
         body: NDArray[np.int32],
         lines: SurfaceLines | None,
         changes: Changes | None,
+        *,
+        apart: bool,
     ) -> MixedPixels:
         """Return the mixed pixels, which bands with the same lines have in common."""
 
         def find() -> MixedPixels:
-            return find_mixed_pixels(caster, viewpoint, self._camera, body, lines, changes)
+            return find_mixed_pixels(caster, viewpoint, self._camera, body, lines, changes, apart=apart)
 
         if not isinstance(caster, RepeatingRayCaster):
             return find()

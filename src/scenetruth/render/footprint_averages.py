@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from scenetruth.bands import BandFraction
 from scenetruth.camera import Camera
-from scenetruth.raycast import RayCaster, Topology
+from scenetruth.raycast import Hits, RayCaster, Topology
 from scenetruth.render.footprint_rules import all_rules, raster_of, rule_table
 from scenetruth.render.raycast_backend import RaycastRenderer, RayView, SharedSurfaces
 from scenetruth.render.sampling_rules import (
@@ -147,6 +147,22 @@ class FootprintRenderer(RaycastRenderer):
             sample_raster(raster, uv, own, out)
         elif len(own):
             out[own] = texture.radiance(uv[own])
+
+    def _look_up_hits(self, hits: Hits, uv: NDArray[np.float64], out: NDArray[np.float32]) -> None:
+        """Write the radiance without light at hits, from texture coordinates at the face corners."""
+        from scenetruth.render.footprint_kernels import sample_hits, sort_by_body
+
+        order, bounds = sort_by_body(hits.face, self._world.face_body, len(self._world.bodies))
+        for index, item in enumerate(self._world.bodies):
+            own = order[bounds[index] : bounds[index + 1]]
+            if not len(own):
+                continue
+            raster = raster_of(item.texture)
+            if raster is not None:
+                sample_hits(raster, uv, hits.face, hits.weights, own, out)
+            else:
+                some = Hits(hits.face[own], hits.depth[own], hits.weights[own])
+                out[own] = item.texture.radiance(some.interpolate_corners(uv))
 
     def _kinked(self, caster: RayCaster) -> NDArray[np.bool_]:
         """Return whether a face is shaded flat and not parallel to all its neighbours, shape (m,)."""
@@ -313,6 +329,8 @@ class FootprintRenderer(RaycastRenderer):
 
         Returns: Pixel, face, and light of a texture of mean radiance, of the samples in wanted pixels.
         """
+        from scenetruth.render.footprint_kernels import add_samples, order_samples
+
         found: list[tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]]] = []
         for pixels, (offsets, weights) in canvas.large:
             at_once = max(1, SAMPLES_PER_PIECE // len(weights))
@@ -321,7 +339,7 @@ class FootprintRenderer(RaycastRenderer):
                 if canvas.bare:
                     many = np.tile(offsets, (len(piece), 1))
                     none = np.empty(0, dtype=np.int32)
-                    radiance, _, _ = self._radiance(view, np.repeat(piece, len(weights)), many, none, bare=True)
+                    radiance, *_ = self._radiance(view, np.repeat(piece, len(weights)), many, none, bare=True)
                     canvas.image[piece] = radiance.reshape(len(piece), -1) @ weights
                 else:
                     canvas.image[piece] = self._trace(view, piece, offsets, weights)
@@ -330,21 +348,21 @@ class FootprintRenderer(RaycastRenderer):
         pixels, counts, offsets, weights, cells = (np.concatenate(part) for part in zip(*canvas.samples, strict=True))
         # In the order of the pixels.
         order, starts = np.argsort(pixels, kind="stable"), np.cumsum(counts) - counts
+        owner, offsets, weights, cells = order_samples(order, pixels, starts, counts, offsets, weights, cells)
         pixels, counts = pixels[order], counts[order]
-        ends = np.cumsum(counts)
-        number = np.repeat(starts[order] - (ends - counts), counts) + np.arange(len(weights))
-        offsets, weights, cells = offsets[number], weights[number], cells[number]
-        first = 0
+        ends, first = np.cumsum(counts), 0
         while first < len(pixels):
             start = ends[first] - counts[first]
             last = max(int(np.searchsorted(ends, start + SAMPLES_PER_PIECE, side="right")), first + 1)
             piece, here = pixels[first:last], slice(start, ends[last - 1])
-            owner = np.repeat(np.arange(len(piece)), counts[first:last])
-            radiance, face, light = self._radiance(view, piece[owner], offsets[here], cells[here], bare=canvas.bare)
-            canvas.image[piece] = np.bincount(owner, radiance * weights[here], minlength=len(piece))
+            own = owner[here]
+            radiance, face, light, gloss = self._radiance(view, own, offsets[here], cells[here], bare=canvas.bare)
+            canvas.image[piece] = add_samples(counts[first:last], radiance, weights[here])
             if wanted is not None:
-                some = wanted[piece[owner]] & (face >= 0)
-                found.append((piece[owner[some]], face[some], light[some]))
+                some = np.flatnonzero(wanted[own] & (face >= 0))
+                met = face[some]
+                level = self._levels[self._world.face_body[met]] * light[some]
+                found.append((own[some], met, level if gloss is None else level + gloss[some]))
             first = last
         return found
 
@@ -356,26 +374,24 @@ class FootprintRenderer(RaycastRenderer):
         cells: NDArray[np.int32],
         *,
         bare: bool = False,
-    ) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float64]]:
+    ) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64] | None]:
         """Return the radiance of samples, with the pixel and the offset of each, by tracing.
 
         ``cells``: Cell of each sample, see `ImageCanvas.samples`; none if there are no cells.
-        ``bare``: Whether to leave the light out. Returns face and light, see `_trace_samples`, as well.
+        ``bare``: Whether to leave the light out. Returns the face, the factor of the texture, and gloss, as well.
         """
         from scenetruth.raycast.pixel_ray_kernels import sample_directions
 
         directions = sample_directions(view.rays, pixels, offsets)
         hits = view.caster.cast_in_pixels(view.rays.origin, directions, pixels)
-        uv, body = hits.interpolate_corners(view.mesh.uv), self._world.face_body[hits.face]
         radiance = np.full(len(directions), self._background, dtype=np.float32)
-        self._look_up(body, np.flatnonzero(hits.face >= 0), uv, radiance)
+        self._look_up_hits(hits, view.mesh.uv, radiance)
         if self._shader is None or bare:
-            return radiance, hits.face, np.ones(len(radiance))
-        level, rays = self._levels[body], (view.rays.origin, directions)
+            return radiance, hits.face, np.ones(len(radiance)), None
+        rays = (view.rays.origin, directions)
         if view.face_light is not None:
             alike = (pixels, cells) if len(cells) else None
             factors = self._shader.on_faces(view.caster, view.t, *rays, hits, view.face_light, alike)
-            return radiance * factors.astype(np.float32), hits.face, level * factors
+            return radiance * factors.astype(np.float32), hits.face, factors, None
         light = self._shader.arrived(view.caster, view.t, *rays, hits, pixels)
-        gloss = 0.0 if light.gloss is None else light.gloss
-        return light.on(radiance), hits.face, level * light.factors + gloss
+        return light.on(radiance), hits.face, light.factors, light.gloss

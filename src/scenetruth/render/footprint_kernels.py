@@ -20,7 +20,10 @@ from scenetruth.raycast.ray_triangle_kernels import (
 from scenetruth.scene.texture.texture_kernels import cubic_weights, linear_at
 from scenetruth.threads import in_bands
 
-__all__ = ["Footprints", "LampLight", "Raster", "average_footprints", "sample_raster"]
+__all__ = [
+    "Footprints", "LampLight", "Raster", "add_samples", "average_footprints", "order_samples", "sample_hits",
+    "sample_raster", "sort_by_body",
+]  # fmt: skip
 
 _LEAST, _LEAST_POINTS = 128, 8192  # minimum number of pixels and of points per thread
 
@@ -112,6 +115,93 @@ def _sample_raster(
     for n in range(np.uint64(low), np.uint64(high)):
         point = where[n]
         u, v = uv[point, 0], uv[point, 1]
+        if cubic:
+            out[point] = gain * np.float64(_spline_at(flat, rows, columns, u, v)) + mean
+        else:
+            out[point] = gain * np.float64(linear_at(values, u, v, tiled)) + mean
+
+
+@kernel()
+def order_samples(
+    order: NDArray[np.int64], pixels: NDArray[np.int64], starts: NDArray[np.int64], counts: NDArray[np.int64],
+    offsets: NDArray[np.float64], weights: NDArray[np.float64], cells: NDArray[np.int32],
+) -> Any:  # fmt: skip
+    """Return pixel, offset, weight and cell of the samples of pixels in an order.
+
+    ``pixels``, ``starts``, ``counts``: Pixels, and the first and the number of the samples of each, shape (n,).
+    """
+    count = weights.shape[0]
+    owner, new_cells = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int32)
+    new_offsets, new_weights, at = np.empty((count, 2)), np.empty(count), 0
+    for place in range(order.shape[0]):
+        n = order[place]
+        for sample in range(starts[n], starts[n] + counts[n]):
+            owner[at], new_weights[at], new_cells[at] = pixels[n], weights[sample], cells[sample]
+            new_offsets[at, 0], new_offsets[at, 1] = offsets[sample, 0], offsets[sample, 1]
+            at += 1
+    return owner, new_offsets, new_weights, new_cells
+
+
+@kernel()
+def add_samples(
+    counts: NDArray[np.int64], radiance: NDArray[np.float32], weights: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the means over pixels, each of a number of samples in turn."""
+    means, at = np.zeros(counts.shape[0]), 0
+    for n in range(counts.shape[0]):
+        for _ in range(counts[n]):
+            means[n] += np.float64(radiance[at]) * weights[at]
+            at += 1
+    return means
+
+
+@kernel()
+def sort_by_body(face: NDArray[np.int32], face_body: NDArray[np.int32], count: int) -> Any:
+    """Return the indices of hits on the first body, then on the second, and so on, and the first place of each body.
+
+    ``face``: Face of each hit, -1 for none. ``count``: Number of bodies.
+    """
+    starts = np.zeros(count + 1, dtype=np.int64)
+    for n in range(face.shape[0]):
+        if face[n] >= 0:
+            starts[face_body[face[n]] + 1] += 1
+    for body in range(count):
+        starts[body + 1] += starts[body]
+    place, order = starts[:-1].copy(), np.empty(starts[count], dtype=np.int64)
+    for n in range(face.shape[0]):
+        if face[n] >= 0:
+            body = face_body[face[n]]
+            order[place[body]] = n
+            place[body] += 1
+    return order, starts
+
+
+def sample_hits(
+    raster: Raster, uv: NDArray[np.float64], face: NDArray[np.int32], weights: NDArray[np.float64],
+    where: NDArray[np.int64], out: NDArray[np.float32],
+) -> None:  # fmt: skip
+    """Write the radiance at the hits with the given indices.
+
+    ``uv``: Texture coordinates at the face corners, shape (m, 3, 2). ``face``, ``weights``: As in `Hits`.
+    """
+    in_bands(_sample_hits, where.shape[0], raster, uv, face, weights, where, out, least=_LEAST_POINTS)
+
+
+@kernel(error_model="numpy")
+def _sample_hits(
+    low: int, high: int, raster: Raster, uv: NDArray[np.float64], face: NDArray[np.int32],
+    weights: NDArray[np.float64], where: NDArray[np.int64], out: NDArray[np.float32],
+) -> None:  # fmt: skip
+    values, flat, cubic, tiled = raster.values, raster.values.ravel(), raster.cubic, raster.tiled
+    rows, columns = values.shape
+    gain, mean = raster.gain / (36.0 if cubic else 1.0), raster.mean
+    for n in range(np.uint64(low), np.uint64(high)):
+        point = np.uint64(where[n])
+        met, b1, b2 = np.uint64(face[point]), weights[point, 0], weights[point, 1]
+        # As `Hits.interpolate` mixes corners.
+        u0, v0 = uv[met, 0, 0], uv[met, 0, 1]
+        u = u0 + b1 * (uv[met, 1, 0] - u0) + b2 * (uv[met, 2, 0] - u0)
+        v = v0 + b1 * (uv[met, 1, 1] - v0) + b2 * (uv[met, 2, 1] - v0)
         if cubic:
             out[point] = gain * np.float64(_spline_at(flat, rows, columns, u, v)) + mean
         else:

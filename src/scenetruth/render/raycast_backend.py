@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 from scenetruth.bands import BandFraction, as_number
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast import (
+    FirstFaces,
     Hits,
     ImageRays,
     RayCaster,
     ShadowCaster,
     TexturedMesh,
     Topology,
+    image_hits,
     mixed_pixels,
     scene_topology,
 )
@@ -86,6 +88,7 @@ class SharedSurfaces:
         self._world, self._topology = world, topology
         self._known: WeakValueDictionary[float, ShadowCaster] = WeakValueDictionary()
         self._alone = Lock()
+        self.hits = image_hits(world)
 
     def shadows_at(self, t: float) -> ShadowCaster:
         """Return the shadows of a time, with its vertices."""
@@ -179,6 +182,8 @@ class RaycastRenderer(Renderer):
         hits = caster.cast(origin, directions, grid_width=camera.width)
         body = np.where(hits.face >= 0, world.face_body[hits.face], -1).astype(np.int32)
         edges = mixed_pixels(caster, viewpoint, camera, body.reshape(shape))
+        if self._surfaces.hits.expects(t, camera, viewpoint):
+            self._surfaces.hits.keep(t, camera, viewpoint, FirstFaces(hits.face, edges.copy()))
         light = None if self._shader is None else self._shader.on_pixels(caster, t, origin, directions, hits, edges)
         edges = edges.ravel()
         mesh = TexturedMesh(

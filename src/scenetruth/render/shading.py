@@ -264,11 +264,10 @@ class Shader:
 
         ``alike``: Pixel and cell of each ray: on a face, no shadow begins in a cell. Cells of -1 are none.
         """
-        from scenetruth.render.shading_kernels import find_alike
+        from scenetruth.render.shading_kernels import find_alike, light_of_faces
 
-        factors = face_light.total[hits.face]
-        factors[hits.face < 0] = 1.0
-        where = np.flatnonzero((hits.face >= 0) & face_light.unsure[hits.face])
+        factors: NDArray[np.float64]
+        factors, where = light_of_faces(hits.face, face_light.total, face_light.unsure)
         face, one, of = hits.face[where], where, None
         if alike is not None:
             pixels, cells = alike

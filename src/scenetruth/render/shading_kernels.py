@@ -16,6 +16,7 @@ __all__ = [
     "direct_light",
     "facing_points",
     "find_alike",
+    "light_of_faces",
     "lit_means",
     "shade_image",
     "shadow_steps",
@@ -32,6 +33,24 @@ _MIX = np.uint64(0x9E3779B97F4A7C15)  # multiplier that combines the zones of al
 # Minimum number of points, of points with a cheap operation, and of pixel rows per thread.
 _LEAST_POINTS, _LEAST_EASY_POINTS, _LEAST_ROWS = 4096, 65536, 8
 # Kernels use unsigned indices, because signed indices are tested for negative values at every access.
+
+
+@kernel()
+def light_of_faces(face: NDArray[np.int32], total: NDArray[np.float64], unsure: NDArray[np.bool_]) -> Any:
+    """Return the light at hits on faces, 1 without a hit, and the indices of hits on faces that are not decided.
+
+    ``face``: Face of each hit, -1 for none. ``total``, ``unsure``: Light of each face, and whether it is not decided.
+    """
+    light, where, used = np.empty(face.shape[0]), np.empty(face.shape[0], dtype=np.int64), 0
+    for n in range(face.shape[0]):
+        met = face[n]
+        light[n] = 1.0
+        if met >= 0:
+            light[n] = total[met]
+            if unsure[met]:
+                where[used] = n
+                used += 1
+    return light, where[:used]
 
 
 @kernel()

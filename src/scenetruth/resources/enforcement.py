@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -45,14 +45,10 @@ def load_checked_scene(scene: SceneLike, *, overrides: Overrides = (), limits: L
     return reading.required()
 
 
-def build_checked_scene(scene: Scene, *, painted: bool = True, rates_at: Iterable[float] = ()) -> BuiltScene:
-    """Build a scene for rendering, or raise an error with the problems of all objects and lamps.
-
-    ``rates_at``: Times at which rates of deformation will be needed, too, see `BuiltScene.expect_rates`.
-    """
+def build_checked_scene(scene: Scene, *, painted: bool = True) -> BuiltScene:
+    """Build a scene for rendering, or raise an error with the problems of all objects and lamps."""
     with raising_all_problems(scene):
         world = build_scene(scene, painted=painted)
-        world.expect_rates(rates_at)
         check_scene(scene, world)
     return world
 

@@ -14,19 +14,19 @@ from scenetruth.truth.truth_dataset import (
     TruthPoses,
     TruthTasks,
     TruthViews,
+    announce_truth,
     blank_truth,
     count_tasks_at_once,
     fill_truth,
     interior_warnings,
     memory_for,
     refuse_arguments,
-    times_of_rates,
     truth_from_world,
 )
 
 __all__ = [
     "Geometries", "GeometryPass", "LightProvider", "PixelPoints", "PointTracker", "SurfacePoints", "TruthMaps",
-    "TruthOptions", "TruthPoses", "TruthTasks", "TruthViews", "blank_truth", "compile_visibility",
+    "TruthOptions", "TruthPoses", "TruthTasks", "TruthViews", "announce_truth", "blank_truth", "compile_visibility",
     "count_tasks_at_once", "fill_truth", "find_visible_points", "interior_warnings", "memory_for",
-    "refuse_arguments", "times_of_rates", "track_points", "truth_by_rows", "truth_from_world", "truth_maps",
+    "refuse_arguments", "track_points", "truth_by_rows", "truth_from_world", "truth_maps",
 ]  # fmt: skip

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
-from scenetruth.raycast import Hits, RayCaster, Topology, mixed_pixels
+from scenetruth.raycast import Hits, RayCaster, Topology, image_hits, mixed_pixels
 from scenetruth.scene.built_scene import BuiltScene
 
 __all__ = ["Geometries", "GeometryPass", "LightProvider", "TruthMaps", "truth_by_rows", "truth_maps"]
@@ -104,8 +104,13 @@ def truth_maps(
     shape = (camera.height, camera.width)
     directions = pixel_rays(camera).directions
     in_world = viewpoint.directions_to_world(directions)
-    hits = geometry.caster.cast(viewpoint.position_mm, in_world, grid_width=camera.width)
     world, focal = geometry.world, camera.focal_px
+    # The image has the same rays.
+    known = image_hits(world).take(geometry.snapshot.t, camera, viewpoint)
+    if known is None:
+        hits = geometry.caster.cast(viewpoint.position_mm, in_world, grid_width=camera.width)
+    else:
+        hits = geometry.caster.hit_faces(viewpoint.position_mm, in_world, known.face)
     velocity, flow, disparity, normal, body, face_id = fill_maps(
         hits.face,
         hits.depth,
@@ -123,7 +128,7 @@ def truth_maps(
     )
     if camera.distortion is not None:
         flow = np.ascontiguousarray(camera.compute_flow(directions, flow.T).T)
-    mixed = mixed_pixels(geometry.caster, viewpoint, camera, body.reshape(shape))
+    mixed = mixed_pixels(geometry.caster, viewpoint, camera, body.reshape(shape)) if known is None else known.mixed
     barycentric = np.where(hits.face >= 0, hits.weights.T, np.nan)
     curvature, rotation, growth, principal, direction = fill_surface_maps(
         hits.face,

@@ -22,7 +22,7 @@ from scenetruth.memory import release_memory, retained_memory
 from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
 from scenetruth.provenance import build_schedule, intrinsics_from
-from scenetruth.raycast import Topology, scene_topology
+from scenetruth.raycast import Topology, image_hits, scene_topology
 from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.mesh.mesh_file import FileMesh
 from scenetruth.scene.scene_models import Scene
@@ -36,13 +36,13 @@ __all__ = [
     "TruthPoses",
     "TruthTasks",
     "TruthViews",
+    "announce_truth",
     "blank_truth",
     "count_tasks_at_once",
     "fill_truth",
     "interior_warnings",
     "memory_for",
     "refuse_arguments",
-    "times_of_rates",
     "truth_from_world",
 ]
 
@@ -215,16 +215,19 @@ def blank_truth(scene: Scene, choice: TruthOptions, provenance: dict[str, Any]) 
     )
 
 
-def times_of_rates(scene: Scene, choice: TruthOptions) -> list[float]:
-    """Return the times at which the ground truth of a scene needs the rates of deformation, as far as they are few."""
-    if choice.content != "standard" or scene.shutter.readout_time_s > 0:
-        return []
+def announce_truth(scene: Scene, world: BuiltScene, choice: TruthOptions) -> None:
+    """Announce what the ground truth of a scene will need: rates of deformation, and the hits of images."""
+    if scene.shutter.readout_time_s > 0:
+        return
     schedule, stage = build_schedule(scene), scene.stage
     moment_of = schedule.moment if choice.poses == "actual" else schedule.nominal
     cameras = [
         (s_y, s) for s_y in stage.s_y.tolist() for s in stage.s.tolist() if choice.views == "all" or s == s_y == 0
     ]
-    return [moment_of(s, t, s_y).t for s_y, s in cameras for t in scene.frames.t.tolist()]
+    moments = [moment_of(s, t, s_y) for s_y, s in cameras for t in scene.frames.t.tolist()]
+    if choice.content == "standard":
+        world.expect_rates(moment.t for moment in moments)
+    image_hits(world).expect(scene.camera, ((moment.t, moment.viewpoint) for moment in moments))
 
 
 class TruthTasks:

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.scene.taylor import Jet, JetField, sinc_root
+from scenetruth.scene.taylor import Jet, JetField, rotate_jets, sinc_root
 from scenetruth.validated_model import FrozenModel, Vector3
 
 __all__ = [
@@ -112,8 +112,8 @@ def rotate_points(
     points: Points, axis: tuple[float, float, float], angle: Any, centre: tuple[float, float, float]
 ) -> Points:
     """Rotate points (mm) about an axis through a centre by an angle in rad (right-hand rule, Rodrigues' formula)."""
-    nx, ny, nz = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
-    quick = _rotate_jets(points, (nx, ny, nz), angle, centre)
+    nx, ny, nz = unit = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
+    quick = rotate_jets(points, unit, angle, centre)
     if quick is not None:
         return quick
     x, y, z = (field - at for field, at in zip(points, centre, strict=True))
@@ -124,19 +124,6 @@ def rotate_points(
         y * cosine + (nz * x - nx * z) * sine + ny * along + centre[1],
         z * cosine + (nx * y - ny * x) * sine + nz * along + centre[2],
     )
-
-
-def _rotate_jets(points: Points, axis: tuple[Any, Any, Any], angle: Any, centre: tuple[float, float, float]) -> Any:
-    """Return jets rotated by a constant angle, the same numbers in an eighth of the time; None for other fields."""
-    if isinstance(angle, Jet) or not all(isinstance(field, Jet) for field in points):
-        return None
-    fields = tuple(np.ascontiguousarray(field.coefficients) for field in points)
-    if any(field.dtype != np.float64 or field.shape != fields[0].shape for field in fields):
-        return None
-    from scenetruth.scene.taylor_kernels import rotate
-
-    numbers = tuple(map(float, axis)), float(np.sin(angle)), float(np.cos(angle)), tuple(map(float, centre))
-    return tuple(map(Jet, rotate(fields, *numbers)))
 
 
 def rotate_points_by_vector(points: Points, vector_rad: Points, centre: tuple[float, float, float]) -> Points:
