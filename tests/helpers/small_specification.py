@@ -45,9 +45,9 @@ def objective(title: str = "depth", wanted: float | None = None) -> Objective:
     return Objective("depth", "all", "mm", title, wanted)
 
 
-def constraint(margin: float) -> ConstraintValue:
+def constraint(margin: float, title: str = "travel") -> ConstraintValue:
     """Return a constraint that leaves a share of its limit."""
-    return ConstraintValue("travel", "travel", 1 - margin, 1.0, "mm", margin >= 0, margin)
+    return ConstraintValue("travel", title, 1 - margin, 1.0, "mm", margin >= 0, margin)
 
 
 def square(parameters: int) -> DesignSpace:
@@ -76,6 +76,7 @@ class Formula:
             key = tuple(values.values())
             if key not in self.known:
                 predicted, margins = self.formula(values)
-                self.known[key] = Evaluation(values, predicted, {}, tuple(map(constraint, margins)))
+                limits = tuple(constraint(margin, f"bound {number}") for number, margin in enumerate(margins))
+                self.known[key] = Evaluation(values, predicted, {}, limits)
             found.append(self.known[key])
         return found

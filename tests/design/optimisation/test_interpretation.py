@@ -61,21 +61,42 @@ def test_rules_of_geometry_have_sources(facts: RigContext) -> None:
 
 def test_what_limits_is_told() -> None:
     space = DesignSpace((Parameter("stage.baseline_mm", 1.0, 40.0), Parameter("stage.positions", 2, 9, whole=True)))
-    used = evaluate_bound("stage_travel", "stage travel", 99.5, "at most", 100.0, "mm")
+    used = evaluate_bound("stage_travel", "stage travel", 98.6, "at most", 100.0, "mm")
     free = evaluate_bound("images", "images", 10.0, "at most", 100.0, "images")
     parts = {"depth": {"noise": 0.03, "stage": 0.04}}
     one = Evaluation({"stage.baseline_mm": 12.4, "stage.positions": 9}, {"depth": 0.05}, parts, (used, free))
     assert describe_limiting_factors(one, space, (objective(),)) == (
         "depth is limited by stage errors (64 % of the predicted variance); "
-        "active constraints: stage travel (99.5 of 100 mm); "
+        "active constraints: stage travel (99 of 100 mm); "
         "at the end of its range: stage.positions = 9"
     )
+
+
+@pytest.mark.parametrize(
+    ("value", "limit", "words"),
+    [
+        (0.9341, 0.95, "0.93 of 0.95"),
+        (2.963, 3.0, "2.96 of 3"),
+        (0.2984, 0.3, "0.298 of 0.3"),
+        (35.41, 36.0, "35 of 36"),
+        (81.0, 81.0, "81 of 81"),
+        (7158.4, 7200.0, "7158 of 7200"),
+        (0.0, 0.0, "0 of 0"),
+    ],
+)
+def test_used_limits_have_the_digits_of_the_margin_that_counts(value: float, limit: float, words: str) -> None:
+    used = evaluate_bound("grey_level", "grey level", value, "at most", limit, "1")
+    one = Evaluation({}, {"depth": 0.05}, {"depth": {"noise": 0.05}}, (used,))
+    assert f"active constraints: grey level ({words})" in describe_limiting_factors(one, DesignSpace(()), (objective(),))
 
 
 def test_assumptions_name_what_was_taken_for_granted(facts: RigContext) -> None:
     given = spec(variables={"frames.frame_interval_s": [60, 120]}, light={"illuminance_lux": 500})
     idle = Sensitivity("frames.frame_interval_s", "depth", 0.0, 0.0, 0.0, 0.0, 0.0)
-    told = "\n".join(list_assumptions(DesignSpec.from_dict(given), facts, ("less of it",), (0.25, 0.0), (idle,)))
+    listed = list_assumptions(
+        DesignSpec.from_dict(given), facts, ("less of it",), (0.25, 0.0), (idle,), confirmed=False
+    )
+    told = "\n".join(listed)
     for expected in (
         "predictions are standard deviations due to noise",
         "the illuminance is 500 lux",
@@ -83,5 +104,8 @@ def test_assumptions_name_what_was_taken_for_granted(facts: RigContext) -> None:
         "in the simulations: less of it",
         "sensitivity by Morris excludes 25 %",
         "no effect on any objective: frames.frame_interval_s",
+        "the search has not confirmed its best rig by a second start",
     ):
         assert expected in told
+    listed = list_assumptions(DesignSpec.from_dict(given), facts, (), (0.0, 0.0), (), confirmed=True)
+    assert "none of these searches has ended at a better predicted rig" in listed[0]

@@ -1,6 +1,7 @@
 """Optimisation of a rig: specification, catalogues, constraints, search, and confirmation by simulation."""
 
 from scenetruth.design.optimisation.catalogues import load_catalogues
+from scenetruth.design.optimisation.choice_descents import descend_from_choices
 from scenetruth.design.optimisation.confirmation import (
     ConfirmationTask,
     check_pair_rank,
@@ -37,7 +38,6 @@ from scenetruth.design.optimisation.design_result import (
 from scenetruth.design.optimisation.design_search import (
     allocate_evaluations,
     analyse_sensitivity,
-    refine_locally,
     search_with_optuna,
 )
 from scenetruth.design.optimisation.evaluation_log import EvaluationLog
@@ -125,13 +125,13 @@ __all__ = [
     "build_sensitivity_charts", "build_sensitivity_table", "check_pair_rank", "check_rank_consistency",
     "check_rules_of_thumb", "choose_f_stop", "choose_round_length_mm", "choose_standard_lens",
     "compare_with_prediction", "compose_summary", "compute_depth_of_field", "compute_local_sensitivities",
-    "compute_objective_contributions", "compute_outline", "compute_predicted_statistic", "compute_prediction_interval",
-    "compute_rig_interval", "compute_side_view", "compute_stage_shifts_px", "compute_stage_uncertainty",
-    "decide_target", "derive_blur_limit", "describe_decision", "describe_limiting_factors", "describe_rank_consistency",
-    "describe_sensitivities", "describe_side_view", "describe_standard_lens", "draw_side_views", "evaluate_bound",
-    "evaluate_rig", "find_pareto_front", "format_parameter", "get_simulated_statistic", "list_assumptions",
-    "list_warnings", "load_catalogues", "load_design_spec", "optimise", "prepare_problem", "rank_evaluations",
-    "reduce_scene", "refine_locally", "rig_from_evaluation", "search_with_optuna", "select_distinguishable",
-    "select_recommended", "simulate_candidate", "simulate_candidates", "simulate_objectives", "summarise_objectives",
-    "thin_front", "write_design_page",
+    "compute_objective_contributions", "compute_outline", "compute_predicted_statistic",
+    "compute_prediction_interval", "compute_rig_interval", "compute_side_view", "compute_stage_shifts_px",
+    "compute_stage_uncertainty", "decide_target", "derive_blur_limit", "descend_from_choices", "describe_decision",
+    "describe_limiting_factors", "describe_rank_consistency", "describe_sensitivities", "describe_side_view",
+    "describe_standard_lens", "draw_side_views", "evaluate_bound", "evaluate_rig", "find_pareto_front",
+    "format_parameter", "get_simulated_statistic", "list_assumptions", "list_warnings", "load_catalogues",
+    "load_design_spec", "optimise", "prepare_problem", "rank_evaluations", "reduce_scene", "rig_from_evaluation",
+    "search_with_optuna", "select_distinguishable", "select_recommended", "simulate_candidate",
+    "simulate_candidates", "simulate_objectives", "summarise_objectives", "thin_front", "write_design_page",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""The search: evaluation budget, global search with Optuna, local refinement, and sensitivity analysis."""
+"""The search: evaluation budget, global search with Optuna, and sensitivity analysis."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from scenetruth.design.optimisation.design_records import Objective
 from scenetruth.design.optimisation.evaluation_log import EvaluationLog
-from scenetruth.design.optimisation.pareto_front import add_alternatives, find_pareto_front
 from scenetruth.design.optimisation.rig_evaluation import DesignSpace, Evaluation, Parameter, rank_evaluations
 from scenetruth.design.optimisation.specification import SearchSpec
 from scenetruth.errors import MachineError, Problem
@@ -25,7 +24,6 @@ __all__ = [
     "SobolIndices",
     "allocate_evaluations",
     "analyse_sensitivity",
-    "refine_locally",
     "require_optional_libraries",
     "search_with_optuna",
 ]
@@ -46,8 +44,8 @@ def require_optional_libraries() -> None:
     import_optional("SALib.sample.morris")
 
 
-_EVEN, _LAST = 0.25, 0.15
-_LEAST_SEARCHED = 0.3
+_EVEN, _DESCENTS = 0.125, 0.5
+_LEAST_SEARCHED = 0.08
 
 
 @dataclass(frozen=True)
@@ -55,29 +53,29 @@ class EvaluationBudget:
     """Number of evaluations by phase."""
 
     even: int  # points of the initial Sobol sequence, a power of two
+    descents: int  # of the descents from all choices
     morris: int  # trajectories of the Morris method
     sobol: int  # base samples of Sobol' indices, a power of two; 0 for none
     search: int  # trials of the global search
-    last: int  # steps of the local refinement
 
 
 def allocate_evaluations(search: SearchSpec, parameters: int) -> EvaluationBudget:
     """Return the allocation of evaluations; the search takes precedence over the sensitivity analysis.
 
     >>> allocate_evaluations(SearchSpec(), 8)
-    EvaluationBudget(even=512, morris=10, sobol=64, search=798, last=360)
+    EvaluationBudget(even=256, descents=1200, morris=10, sobol=64, search=214)
     """
     total = search.predictions
     even = _floor_power_of_two(int(_EVEN * total))
-    last = int(_LAST * total)
-    room = total - even - last - int(_LEAST_SEARCHED * total)
+    descents = int(_DESCENTS * total)
+    room = total - even - descents - int(_LEAST_SEARCHED * total)
     morris = min(search.morris_trajectories, max(room, 0) // (parameters + 1))
     room -= morris * (parameters + 1)
     # With fewer than eight base samples, the indices are not significant.
     sobol = _floor_power_of_two(min(search.sobol, max(room, 0) // (parameters + 2)))
     sobol = sobol if sobol >= 8 else 0
-    used = even + last + morris * (parameters + 1) + sobol * (parameters + 2)
-    return EvaluationBudget(even, morris, sobol, total - used, last)
+    used = even + descents + morris * (parameters + 1) + sobol * (parameters + 2)
+    return EvaluationBudget(even, descents, morris, sobol, total - used)
 
 
 def _floor_power_of_two(number: int) -> int:
@@ -181,132 +179,6 @@ def _search_starts(found: Sequence[Evaluation]) -> list[Evaluation]:
 
 def _log_objective(value: float) -> float:
     return math.log(value) if 0 < value < math.inf else _FAR
-
-
-_FIRST, _LEAST = 0.2, 0.002
-_REFINEMENT_STARTS = 2
-_POOL = 16
-_SINGLE, _DIFFERENCES, _HALVES = 8, 12, 4
-_CROSSED, _OTHER_CHOICE = 0.7, 0.15
-_PATIENCE = 3  # iterations without improvement before the next starting point
-
-
-def refine_locally(
-    ledger: EvaluationLog, space: DesignSpace, objectives: Sequence[Objective], count: int, seed: int
-) -> None:
-    """Refine the best candidates locally, for the product of the objectives and for each objective."""
-    end = len(ledger) + count
-    generator = np.random.default_rng(seed)
-    goals: list[tuple[Objective, ...]] = [tuple(objectives)]
-    goals += [(one,) for one in objectives] if len(objectives) > 1 else []
-    for number, wanted in enumerate(goals):
-        starts = _refinement_starts(ledger.evaluations, wanted, space)
-        for place, start in enumerate(starts):
-            share = (end - len(ledger)) // ((len(goals) - number) * (len(starts) - place))
-            _descend(ledger, space, wanted, start, len(ledger) + share, generator)
-
-
-def _refinement_starts(
-    found: Sequence[Evaluation], wanted: Sequence[Objective], space: DesignSpace
-) -> list[Evaluation]:
-    if len(wanted) == 1:
-        best = find_pareto_front(found, wanted)
-        return (
-            [found[number] for number in add_alternatives(found, wanted, space, best, _REFINEMENT_STARTS)]
-            if best
-            else []
-        )
-    return _pool(found, wanted)[:1]
-
-
-def _pool(found: Sequence[Evaluation], wanted: Sequence[Objective]) -> list[Evaluation]:
-    held = [one for one in found if one.holds]
-    return sorted(held, key=lambda one: _compute_merit(one, wanted))[:_POOL]
-
-
-def _compute_merit(one: Evaluation, wanted: Sequence[Objective]) -> float:
-    """Return the sum of the log objectives, regardless of the constraints."""
-    return sum(math.log(one.predicted[each.title]) if one.predicted[each.title] > 0 else math.inf for each in wanted)
-
-
-def _descend(
-    ledger: EvaluationLog,
-    space: DesignSpace,
-    wanted: Sequence[Objective],
-    start: Evaluation,
-    end: int,
-    generator: np.random.Generator,
-) -> None:
-    best, step, idle = start, _FIRST, 0
-    passed: list[list[float]] = []
-    while len(ledger) < end and idle < _PATIENCE:
-        place = space.point(best.values)
-        pool = [space.point(one.values) for one in _pool(ledger.evaluations, wanted)]
-        tried = [_halfway(place, other, space) for other in passed[:_HALVES]]
-        tried += [_single(place, space, step, generator) for _ in range(_SINGLE)]
-        tried += [_difference(place, pool, space, generator) for _ in range(_DIFFERENCES)]
-        tried = tried[: end - len(ledger)]
-        found = ledger.ask(tried, "last steps")
-        worth = _compute_merit(best, wanted)
-        held = [one for one in found if one.holds and _compute_merit(one, wanted) < worth - 1e-6]
-        near = [
-            (one.excess, point)
-            for one, point in zip(found, tried, strict=True)
-            if not one.holds and one.constraints and _compute_merit(one, wanted) < worth
-        ]
-        passed = [point for _, point in sorted(near)]
-        if held:
-            best, idle = min(held, key=lambda one: _compute_merit(one, wanted)), 0
-        elif step > _LEAST:
-            step /= 2
-        else:
-            idle += 1
-
-
-def _halfway(place: Sequence[float], other: Sequence[float], space: DesignSpace) -> list[float]:
-    """Return the midpoint of two candidates, with the choices of the second."""
-    return [
-        b if parameter.choices else (a + b) / 2 for a, b, parameter in zip(place, other, space.parameters, strict=True)
-    ]
-
-
-def _single(place: Sequence[float], space: DesignSpace, step: float, generator: np.random.Generator) -> list[float]:
-    number = int(generator.integers(len(space)))
-    found = list(place)
-    found[number] = _stepped(space.parameters[number], place[number], step, generator)
-    return found
-
-
-def _stepped(parameter: Parameter, unit: float, step: float, generator: np.random.Generator) -> float:
-    levels = parameter.levels
-    if parameter.choices:
-        return (int(generator.integers(levels)) + 0.5) / levels
-    side = 1.0 if generator.random() < 0.5 else -1.0
-    if levels:
-        return _inside(unit + side * max(step, 1 / levels))
-    return _inside(unit + side * step)
-
-
-def _difference(
-    place: Sequence[float], pool: Sequence[Sequence[float]], space: DesignSpace, generator: np.random.Generator
-) -> list[float]:
-    """Return the best candidate plus a scaled difference of two good candidates (differential evolution)."""
-    one, other, third = (pool[int(generator.integers(len(pool)))] for _ in range(3))
-    size = generator.uniform(0.3, 1.2)
-    found = []
-    for number, parameter in enumerate(space.parameters):
-        unit = place[number]
-        if parameter.choices:
-            found.append(third[number] if generator.random() < _OTHER_CHOICE else unit)
-        elif generator.random() < _CROSSED:
-            found.append(_inside(unit + size * (one[number] - other[number])))
-        else:
-            found.append(unit)
-    return found
-
-
-def _inside(unit: float) -> float:
-    return min(max(unit, 0.0), 1.0)
 
 
 Array = NDArray[np.float64]

@@ -55,16 +55,21 @@ _CONTRIBUTION_TITLES = {
 def describe_limiting_factors(one: Evaluation, space: DesignSpace, objectives: tuple[Objective, ...]) -> str:
     """Return a description of the limiting factors of a rig."""
     parts = [*_errors(one, objectives)]
-    used = [
-        f"{each.title} ({each.value:.4g} of {each.limit:.4g}{'' if each.unit == '1' else f' {each.unit}'})"
-        for each in find_active_constraints(one)
-    ]
+    used = [f"{each.title} ({_describe_use(each)})" for each in find_active_constraints(one)]
     if used:
         parts.append(f"active constraints: {', '.join(used)}")
     ends = list(_ends(one, space))
     if ends:
         parts.append(f"at the end of its range: {', '.join(ends)}")
     return "; ".join(parts)
+
+
+def _describe_use(one: ConstraintValue) -> str:
+    """Return the value of a property and its limit, with the digits of the margin that makes a constraint active."""
+    least = _NEAR * abs(one.limit)
+    digits = max(0, math.ceil(-math.log10(least))) if least > 0 else 2
+    unit = "" if one.unit == "1" else f" {one.unit}"
+    return f"{round(one.value, digits):g} of {one.limit:g}{unit}"
 
 
 def find_active_constraints(one: Evaluation) -> list[ConstraintValue]:
@@ -225,9 +230,20 @@ def list_assumptions(
     changes: Sequence[str],
     left_out: tuple[float, float],
     effects: Sequence[Sensitivity],
+    *,
+    confirmed: bool,
 ) -> tuple[str, ...]:
-    """Return descriptions of the assumptions."""
-    return tuple(_lines(spec, facts, changes, left_out, effects))
+    """Return descriptions of the assumptions. ``confirmed``: Whether descents from other rigs found no better rig."""
+    return tuple(_lines(spec, facts, changes, left_out, effects, confirmed=confirmed))
+
+
+_CONFIRMED = (
+    "the search starts anew from random rigs with the same choices, and from rigs with one position more and one less; "
+    "none of these searches has ended at a better predicted rig"
+)
+_UNCONFIRMED = (
+    "the search has not confirmed its best rig by a second start: a better rig may exist; increase search.predictions"
+)
 
 
 def _lines(
@@ -236,7 +252,10 @@ def _lines(
     changes: Sequence[str],
     left_out: tuple[float, float],
     effects: Sequence[Sensitivity],
+    *,
+    confirmed: bool,
 ) -> Iterator[str]:
+    yield _CONFIRMED if confirmed else _UNCONFIRMED
     yield (
         "predictions are standard deviations due to noise (Cramér-Rao bound for the window and motion model of the "
         "method, from geometry and texture spectrum), with closed-form contributions of stage errors and scan time; "

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.design.optimisation.choice_descents import descend_from_choices
 from scenetruth.design.optimisation.confirmation import ConfirmationResult, check_rank_consistency, simulate_candidates
 from scenetruth.design.optimisation.design_records import Discrepancy, RigDesign, Sensitivity, decide_rig_target
 from scenetruth.design.optimisation.design_result import DesignResult
@@ -21,7 +22,6 @@ from scenetruth.design.optimisation.design_search import (
     SobolIndices,
     allocate_evaluations,
     analyse_sensitivity,
-    refine_locally,
     require_optional_libraries,
     search_with_optuna,
 )
@@ -79,10 +79,10 @@ def optimise(
 ) -> DesignResult:
     """Optimise a camera rig under constraints by predicted uncertainty, and confirm the best candidates by simulation.
 
-    Thousands of rigs are evaluated by closed-form predictions: an initial Sobol sequence, a search by Optuna, a local
-    refinement and a sensitivity analysis. The best rigs of the front are simulated, estimated and scored with several
-    seeds; the best of them is recommended. Existing results in the output directory are reused, and a resumed
-    optimisation gives the same result.
+    Thousands of rigs are evaluated by closed-form predictions: an initial Sobol sequence, descents from all choices of
+    lens, camera and stage, a search by Optuna and a sensitivity analysis. The best rigs of the front are simulated,
+    estimated and scored with several seeds; the best of them is recommended. Existing results in the output directory
+    are reused, and a resumed optimisation gives the same result.
 
     Parameters
     ----------
@@ -199,6 +199,7 @@ class _Run:
     seconds: dict[str, float] = field(default_factory=dict)
     found: list[Evaluation] = field(default_factory=list)
     phases: list[str] = field(default_factory=list)
+    confirmed: bool = False
     effects: SensitivityResult = field(default_factory=lambda: SensitivityResult({}, {}, (0.0, 0.0)))
 
     @contextmanager
@@ -219,9 +220,10 @@ class _Run:
                 points = qmc.Sobol(len(space), seed=np.random.default_rng(search.seed)).random(shares.even)
                 ledger.ask(points.tolist(), "even design")
             with self.timed("search"):
-                search_with_optuna(ledger, space, objectives, shares.search, search.seed)
+                self.confirmed = descend_from_choices(ledger, space, objectives, shares.descents, search.seed)
+                left = shares.even + shares.descents - len(ledger)
+                search_with_optuna(ledger, space, objectives, shares.search + left, search.seed)
                 refuse_infeasible(self.spec, ledger.evaluations)
-                refine_locally(ledger, space, objectives, shares.last, search.seed)
             with self.timed("sensitivity"):
                 self.effects = analyse_sensitivity(ledger, space, objectives, shares.morris, shares.sobol, search.seed)
         finally:
@@ -274,7 +276,9 @@ class _Run:
             screened=self._screened(),
             sensitivities=sensitivities,
             rules=check_rules_of_thumb(facts),
-            assumptions=list_assumptions(self.spec, facts, simulated.changes, self.effects.left_out, sensitivities),
+            assumptions=list_assumptions(
+                self.spec, facts, simulated.changes, self.effects.left_out, sensitivities, confirmed=self.confirmed
+            ),
             discrepancies=discrepancies,
             seconds=self.seconds,
             alternatives=tuple(by_number[number] for number in shown if number not in front),
