@@ -101,6 +101,7 @@ install_with_uv() {
     export_setting UV_DEFAULT_INDEX "$(pip_setting index-url)"
     export_setting UV_INDEX "$(pip_setting extra-index-url)"
     export_setting UV_FIND_LINKS "$(pip_setting find-links | tr ' ' ,)"
+    export_setting UV_CONSTRAINT "$(pip_setting constraint)"
     export_setting UV_NO_INDEX "$(pip_setting no-index)"
     export_setting SSL_CERT_FILE "$(pip_setting cert)"
     export_setting UV_INDEX_STRATEGY unsafe-best-match
