@@ -152,6 +152,36 @@ def test_far_from_the_origin_of_the_world(shift: float) -> None:
     np.testing.assert_allclose(hits.depth[seen], 280, atol=1e-11 * (1 + shift))
 
 
+def test_sides_are_those_of_each_origin() -> None:
+    box = make_box((2, 2, 2))
+    caster = RayCaster(box.vertices_mm, Topology.of(box.vertices_mm, box.faces))
+    for origin in (np.array([0.0, 0.0, -9.0]), np.array([0.0, 0.0, 9.0]), np.zeros(3)):
+        normals, front = caster.sides(origin)
+        # Sides towards a point outside of the box, and none from its centre.
+        np.testing.assert_array_equal(front, normals @ origin > 1)
+        np.testing.assert_allclose(normals, caster.face_normals, atol=1e-15)
+
+
+def test_covered_rays_are_counted_as_areas() -> None:
+    from scenetruth.raycast.raster_kernels import count_covered
+
+    grid, infinite = np.array([-1.0, 0.5, 2.0, -0.25]), np.inf
+    boxes = np.array(
+        [
+            [-1.0, 0.0, 1.0, 1.5],
+            [-9.0, -0.5, 0.0, 9.0],
+            [-infinite, infinite, -infinite, infinite],
+            [1.0, -1.0, 0.0, 1.0],
+        ]
+    )
+    # Columns from -1 to 9 in 20 steps, rows from 2 down to 0 in 8.
+    assert count_covered(boxes[:1], grid, 20, 8) == pytest.approx(2 * 2)
+    assert count_covered(boxes[1:2], grid, 20, 8) == pytest.approx(1 * 8)
+    assert count_covered(boxes[2:3], grid, 20, 8) == pytest.approx(20 * 8)
+    assert count_covered(boxes[3:], grid, 20, 8) == 0
+    assert count_covered(boxes, grid, 20, 8) == pytest.approx(4 + 8 + 160)
+
+
 def test_topology_of_a_box() -> None:
     mesh = make_box((1, 2, 3))
     topology = Topology.of(mesh.vertices_mm, mesh.faces)

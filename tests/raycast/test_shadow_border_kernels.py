@@ -8,6 +8,7 @@ from hypothesis import strategies as some
 from numpy.typing import NDArray
 
 from scenetruth.raycast import ShadowCaster, Topology
+from scenetruth.raycast.shadow_border_kernels import measure_faces
 from scenetruth.raycast.shadow_kernels import BLOCKED, LIT, UNSURE
 
 TO_LIGHT = np.array([0.36, -0.48, 0.8])
@@ -82,3 +83,17 @@ def test_intersecting_faces_are_cut_along_their_common_line() -> None:
     level = (np.abs(ends[..., 1:]) < 1e-9).all(axis=(1, 2))
     assert set(found.face[level]) == {0, 1}
     np.testing.assert_allclose(np.sort(ends[level][..., 0], axis=1), [[-3, 3]] * 2, atol=1e-9)
+
+
+def test_measures_of_faces_against_a_plain_reading() -> None:
+    generator = np.random.default_rng(3)
+    points, places = generator.normal(size=(2, 30, 3))
+    faces = generator.integers(0, 30, (50, 3)).astype(np.int32)
+    centres, boxes, front = measure_faces(points, places, faces)
+    np.testing.assert_allclose(centres, points[faces].mean(axis=1), rtol=1e-14, atol=1e-15)
+    np.testing.assert_array_equal(boxes[:, ::2], places[faces].min(axis=1))
+    np.testing.assert_array_equal(boxes[:, 1::2], places[faces].max(axis=1))
+    one, two = places[faces[:, 1]] - places[faces[:, 0]], places[faces[:, 2]] - places[faces[:, 0]]
+    np.testing.assert_array_equal(front, np.cross(one, two)[:, 2] > 0)
+    assert front.any()
+    assert not front.all()

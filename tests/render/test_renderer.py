@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from scenetruth.camera import Viewpoint
 from scenetruth.errors import BackendUnavailableError
+from scenetruth.raycast import RayCaster, scene_topology
 from scenetruth.render import Renderer
 from scenetruth.render.pyrender_backend import PyrenderRenderer
 from scenetruth.render.raycast_backend import RaycastRenderer, visible_uv
@@ -397,11 +398,11 @@ def test_coordinates_are_chosen_by_the_order_of_corners() -> None:
     scene = scene_of({"texture": {"kind": "uniform"}}, {"texture": {"kind": "uniform"}})
     world = world_of(scene, make_plane((10, 10)), make_plane((10, 10)))
     assert world.uv_back is world.uv
-    assert visible_uv(world, world.at(0).vertices_mm, np.zeros(3)) is world.uv
+    assert visible_uv(world, RayCaster(world.at(0).vertices_mm, scene_topology(world)), np.zeros(3)) is world.uv
     other = np.ones_like(world.bodies[1].uv)
     sided = BuiltScene((world.bodies[0], replace(world.bodies[1], uv_back=other)))
     np.testing.assert_array_equal(sided.uv_back, np.concatenate([world.bodies[0].uv, other]))
-    vertices = sided.at(0).vertices_mm
+    caster = RayCaster(sided.at(0).vertices_mm, scene_topology(sided))
     # `plane` is wound so that its normal points to -Z.
-    np.testing.assert_array_equal(visible_uv(sided, vertices, np.zeros(3)), sided.uv)
-    np.testing.assert_array_equal(visible_uv(sided, vertices, np.array([0, 0, 2000.0])), sided.uv_back)
+    np.testing.assert_array_equal(visible_uv(sided, caster, np.zeros(3)), sided.uv)
+    np.testing.assert_array_equal(visible_uv(sided, caster, np.array([0, 0, 2000.0])), sided.uv_back)

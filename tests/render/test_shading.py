@@ -310,6 +310,45 @@ def test_light_beyond_full_scale_is_warned_of() -> None:
         st.simulate(plane({"lights": [sun]}, frames={"count": 1}, stage={"positions": 1, "baseline_mm": 5}))
 
 
+def test_steps_between_faces_are_mean_squares() -> None:
+    from scenetruth.render.shading_kernels import face_steps
+
+    light = np.array([[0.2, 0.1], [0.5, 0.1], [np.nan, 0.4]])
+    neighbours = np.array([[1, -1, -1], [0, 2, -1], [1, -1, -1]], dtype=np.int32)
+    # Differences: 0.3 between the first two; 0.3 of the second lamp between the last two.
+    own = np.array([0.09, 0.18, 0.09]) / 3
+    around = np.array([(own[1] + 2 * own[0]) / 3, (own[0] + own[2] + own[1]) / 3, (own[1] + 2 * own[2]) / 3])
+    np.testing.assert_allclose(face_steps(light, neighbours), (own + around) / 2)
+
+
+def test_means_of_the_faces_of_samples() -> None:
+    from scenetruth.render.shading_kernels import mean_by_owner
+
+    owner, face = np.array([1, -1, 1, 0, 1]), np.array([0, 1, 2, 1, 1], dtype=np.int32)
+    assert mean_by_owner(owner, face, np.array([3.0, 5.0, 7.0]), 3).tolist() == [5.0, 5.0, 0.0]
+
+
+def test_light_on_faces_against_a_plain_reading() -> None:
+    from scenetruth.raycast.shadow_kernels import BLOCKED, LIT, UNSURE
+    from scenetruth.render.shading_kernels import light_up_faces
+
+    generator = np.random.default_rng(8)
+    vertices, origin = generator.normal(size=(40, 3)), np.array([0.2, -0.1, 3.0])
+    faces = generator.integers(0, 40, (60, 3)).astype(np.int32)
+    normals, axes = generator.normal(size=(60, 3)), generator.normal(size=(3, 3))
+    irradiances, states = generator.random(3), generator.integers(0, 3, (3, 60)).astype(np.uint8)
+    lamps = irradiances, axes @ normals.T, states
+    by_lamp, total, bits = light_up_faces((vertices, faces, normals), origin, lamps, 0.1)
+    side = np.where(((origin - vertices[faces[:, 0]]) * normals).sum(axis=1) > 0, 1.0, -1.0)
+    light = irradiances * np.maximum(-(normals @ axes.T) * side[:, None], 0)
+    for row, state in enumerate((LIT, BLOCKED, UNSURE)):
+        expected = ((states == state).T & (light > 0)) @ np.array([1, 2, 4])
+        np.testing.assert_array_equal(bits[row], expected)
+    np.testing.assert_allclose(np.abs(by_lamp), np.where(states.T == BLOCKED, 0, light), rtol=1e-14)
+    np.testing.assert_array_equal(by_lamp < 0, (states.T == UNSURE) & (light > 0))
+    np.testing.assert_allclose(total, 0.1 + np.where(states.T == BLOCKED, 0, light).sum(axis=1), rtol=1e-14)
+
+
 def test_light_of_faces_that_are_hit() -> None:
     from scenetruth.render.shading_kernels import light_of_faces
 

@@ -14,7 +14,7 @@ import scenetruth as st
 from scenetruth.camera import Viewpoint
 from scenetruth.render.adaptive_raycast import AdaptiveRenderer
 from scenetruth.render.raycast_backend import RaycastRenderer
-from scenetruth.render.stepped_light import errors_above, face_steps
+from scenetruth.render.stepped_light import errors_above
 from scenetruth.scene.built_scene import BuiltScene, build_scene
 from tests.helpers.blurred_edges import edge_normal
 from tests.helpers.faceted_surfaces import ball, relief, scene_of, world_of
@@ -182,15 +182,6 @@ def test_the_largest_errors_are_above() -> None:
     assert errors_above(np.full(3, 1.0), 1e-4, 1).all()
 
 
-def test_steps_between_faces_are_mean_squares() -> None:
-    light = np.array([[0.2, 0.1], [0.5, 0.1], [np.nan, 0.4]])
-    neighbours = np.array([[1, -1, -1], [0, 2, -1], [1, -1, -1]], dtype=np.int32)
-    # Differences: 0.3 between the first two; 0.3 of the second lamp between the last two.
-    own = np.array([0.09, 0.18, 0.09]) / 3
-    around = np.array([(own[1] + 2 * own[0]) / 3, (own[0] + own[2] + own[1]) / 3, (own[1] + 2 * own[2]) / 3])
-    np.testing.assert_allclose(face_steps(light, neighbours), (own + around) / 2)
-
-
 @given(seed=some.integers(0, 1000), count=some.integers(1, 400), spread=some.floats(0.1, 4))
 @settings(max_examples=60, deadline=None)
 def test_the_smallest_errors_are_kept_up_to_their_sum(seed: int, count: int, spread: float) -> None:
@@ -208,6 +199,8 @@ def test_the_smallest_errors_are_kept_up_to_their_sum(seed: int, count: int, spr
 @given(seed=some.integers(0, 1000), lamps=some.integers(1, 3))
 @settings(max_examples=20, deadline=None)
 def test_steps_of_light_are_the_mean_over_the_sides_of_faces_and_their_neighbours(seed: int, lamps: int) -> None:
+    from scenetruth.render.shading_kernels import face_steps
+
     generator = np.random.default_rng(seed)
     light, neighbours = generator.random((30, lamps)), generator.integers(-1, 30, (30, 3)).astype(np.int32)
     light[generator.random(light.shape) < 0.2] = np.nan

@@ -250,10 +250,10 @@ def _mark(mixed: NDArray[np.bool_], positions: NDArray[np.float64]) -> None:
 
 
 def _contour_edges(caster: RayCaster, origin_mm: NDArray[np.float64]) -> NDArray[np.int64]:
-    from scenetruth.raycast.edge_kernels import contour_edges, face_sides
+    from scenetruth.raycast.edge_kernels import contour_edges
 
     topology = caster.topology
-    normals, front = face_sides(caster.vertices_mm, topology.faces, np.asarray(origin_mm, dtype=np.float64))
+    normals, front = caster.sides(origin_mm)
     chosen: NDArray[np.bool_] = contour_edges(
         normals,
         front,

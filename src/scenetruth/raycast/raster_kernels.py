@@ -34,7 +34,7 @@ from scenetruth.raycast.ray_triangle_kernels import (
 )
 from scenetruth.threads import in_bands
 
-__all__ = ["grid_hits", "grid_steps", "hits_on_faces", "prepare_faces", "raster_hits", "tile_bounds"]
+__all__ = ["count_covered", "grid_hits", "grid_steps", "hits_on_faces", "prepare_faces", "raster_hits", "tile_bounds"]
 
 TILE = 16
 """Side length of the square tiles in rays."""
@@ -323,6 +323,23 @@ def _grid_steps(
             near_v = abs(down / along - grid[2] - y * grid[3]) < apart_v
             good = good and ahead and near_u and near_v
         regular[y] = good
+
+
+@kernel()
+def count_covered(boxes: NDArray[np.float64], grid: NDArray[np.float64], width: int, height: int) -> float:
+    """Return the areas of the boxes of faces inside a regular grid of rays, in all, in steps of the grid."""
+    total = 0.0
+    for face in range(boxes.shape[0]):
+        # Empty boxes, of faces behind the origin, end before they begin.
+        if not boxes[face, LOW_U] <= boxes[face, HIGH_U]:
+            continue
+        # Infinite boxes, of faces close to the plane of the origin, cover the grid.
+        one = min(max((boxes[face, LOW_U] - grid[0]) / grid[1], 0.0), float(width))
+        other = min(max((boxes[face, HIGH_U] - grid[0]) / grid[1], 0.0), float(width))
+        top = min(max((boxes[face, LOW_V] - grid[2]) / grid[3], 0.0), float(height))
+        bottom = min(max((boxes[face, HIGH_V] - grid[2]) / grid[3], 0.0), float(height))
+        total += abs(other - one) * abs(bottom - top)
+    return total
 
 
 def grid_hits(

@@ -102,6 +102,7 @@ class RayCaster:
         self._centre = (lowest + highest) / 2
         self._extent = float(np.maximum(highest - self._centre, self._centre - lowest).max())
         self._prepared: _Prepared | None = None
+        self._sides: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]] | None = None
         self._grid: RayGrid | None = None
 
     @cached_property
@@ -119,6 +120,15 @@ class RayCaster:
         for axis, component in enumerate((nx, ny, nz)):
             np.divide(component, lengths, out=normals[:, axis])
         return normals
+
+    def sides(self, origin_mm: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Return the normals of the faces and whether each has its front towards a point, see `face_sides`."""
+        from scenetruth.raycast.edge_kernels import face_sides
+
+        origin, known = np.asarray(origin_mm, dtype=np.float64), self._sides
+        if known is None or not (known[0] == origin).all():
+            known = self._sides = (origin.copy(), *face_sides(self.vertices_mm, self.topology.faces, origin))
+        return known[1:]
 
     def cast(self, origin_mm: NDArray[np.float64], directions: NDArray[np.float64], grid_width: int = 0) -> Hits:
         """Compute the first hit of rays from one point; the unit of the hit depth is the length of each direction."""
@@ -173,7 +183,7 @@ class RayCaster:
     def _cover(self, origin: NDArray[np.float64], directions: NDArray[np.float64], width: int) -> Hits | None:
         """Compute hits of a regular ray grid face by face; None for other grids, or if faces cover too many rays."""
         from scenetruth.raycast.pixel_ray_kernels import RayGrid
-        from scenetruth.raycast.raster_kernels import grid_hits, grid_steps
+        from scenetruth.raycast.raster_kernels import count_covered, grid_hits, grid_steps
 
         self._grid = None
         across, down = directions[width - 1] - directions[0], directions[-width] - directions[0]
@@ -189,12 +199,7 @@ class RayCaster:
             return None
         forms, boxes = self._prepared_for(origin, frame)
         height = len(directions) // width
-        # Infinite boxes, of faces close to the plane of the origin, cover the grid.
-        places = ((boxes.reshape(-1, 2, 2) - grid[::2, None]) / grid[1::2, None]).clip(0, [[width], [height]])
-        columns, rows = np.abs(places[..., 1] - places[..., 0]).T
-        # Empty boxes, of faces behind the origin, end before they begin.
-        columns[boxes[:, 0] > boxes[:, 1]] = 0.0
-        if columns @ rows > _MOST_LAYERS * len(directions):
+        if count_covered(boxes, grid, width, height) > _MOST_LAYERS * len(directions):
             return None
         self._grid = RayGrid(self.vertices_mm, self.topology.faces, origin.copy(), frame, grid, width, height)
         return Hits(*grid_hits(forms, boxes, grid, directions, width))

@@ -9,10 +9,43 @@ from numpy.typing import NDArray
 
 from scenetruth.kernels import inlined, kernel
 from scenetruth.raycast.shadow_kernels import EDGES, LOWEST, PLANE, STEEP, FacesInLight, cell_of
+from scenetruth.threads import in_bands
 
-__all__ = ["cast_edges", "cross_faces"]
+__all__ = ["cast_edges", "cross_faces", "measure_faces"]
 
+_LEAST = 4096  # minimum number of faces per thread
 _ROW_MARGIN = 1e-6  # relative margin of the cells for rounding
+
+
+def measure_faces(
+    vertices: NDArray[np.float64], places: NDArray[np.float64], faces: NDArray[np.int32]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Return centres of faces in mm, shape (m, 3), lowest and highest u, v and h, (m, 6), and their sides, (m,).
+
+    ``vertices``: World positions in mm, shape (n, 3). ``places``: The same in light coordinates.
+    Sides are whether the corners run counter-clockwise, seen along the light.
+    """
+    count = faces.shape[0]
+    centres, boxes, front = np.empty((count, 3)), np.empty((count, 6)), np.empty(count, dtype=np.bool_)
+    in_bands(_measure_faces, count, vertices, places, faces, centres, boxes, front, least=_LEAST)
+    return centres, boxes, front
+
+
+@kernel()
+def _measure_faces(
+    low: int, high: int, vertices: NDArray[np.float64], places: NDArray[np.float64], faces: NDArray[np.int32],
+    centres: NDArray[np.float64], boxes: NDArray[np.float64], front: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    for face in range(low, high):
+        i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
+        for axis in range(3):
+            centres[face, axis] = (vertices[i, axis] + vertices[j, axis] + vertices[k, axis]) / 3.0
+            one, two, three = places[i, axis], places[j, axis], places[k, axis]
+            boxes[face, 2 * axis] = min(min(one, two), three)
+            boxes[face, 2 * axis + 1] = max(max(one, two), three)
+        ux, uy = places[j, 0] - places[i, 0], places[j, 1] - places[i, 1]
+        vx, vy = places[k, 0] - places[i, 0], places[k, 1] - places[i, 1]
+        front[face] = ux * vy > uy * vx
 
 
 @inlined

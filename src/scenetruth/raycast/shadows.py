@@ -113,42 +113,36 @@ class ShadowCaster:
             return self._on_faces[key]
 
     def _find_shadows(self, to_light: NDArray[np.float64]) -> FaceShadows:
-        from scenetruth.raycast.shadow_border_kernels import cast_edges, cross_faces
+        from scenetruth.raycast.shadow_border_kernels import cast_edges, cross_faces, measure_faces
         from scenetruth.raycast.shadow_kernels import PLANE, STEEP, UNSURE
 
         light, topology, apart = self._faces_in_light(to_light), self.topology, _APART * self._longest
-        places = self.vertices_mm @ light.frame.T
-        corners = places[topology.faces]
-        # Reductions along a short axis take several times as long.
-        one, two, three = (corners[:, corner] for corner in range(3))
-        lowest = np.minimum(np.minimum(one, two), three)
-        highest = np.maximum(np.maximum(one, two), three)
-        contour = self._contour(corners)
+        places, count = self.vertices_mm @ light.frame.T, len(topology.faces)
+        centres, boxes, front = measure_faces(self.vertices_mm, places, topology.faces)
+        contour = self._contour(front)
         ends, edge_faces = places[topology.edges[contour]], topology.edge_faces[contour]
         under, spans = _found(
             lambda pairs, spans: cast_edges(ends, edge_faces, light, apart, pairs, spans), 8 * len(ends) + 64, (2,)
         )
         # A long edge meets a face in several cells.
-        _, first = np.unique(under[:, 0] * len(corners) + under[:, 1], return_index=True)
+        _, first = np.unique(under[:, 0] * count + under[:, 1], return_index=True)
         under, spans = under[first], spans[first]
         start, step = ends[under[:, 0], 0][:, None], (ends[under[:, 0], 1] - ends[under[:, 0], 0])[:, None]
         lines = start + spans[:, :, None] * step
         numbers = light.numbers[under[:, 1], None, PLANE : PLANE + 3]
         lines[..., 2] = (numbers[..., :2] * lines[..., :2]).sum(axis=-1) + numbers[..., 2]
-        boxes = np.stack([lowest, highest], axis=-1).reshape(-1, 6)
         meeting, common = _found(
             lambda pairs, lines: cross_faces(places, topology.faces, boxes, light, apart, pairs, lines), 4096, (2, 3)
         )
-        _, first = np.unique(meeting[:, 0] * len(corners) + meeting[:, 1], return_index=True)
+        _, first = np.unique(meeting[:, 0] * count + meeting[:, 1], return_index=True)
         meeting, common = meeting[first], common[first]
         lines = np.concatenate([lines, common, common]) @ light.frame
         face = np.concatenate([under[:, 1], meeting[:, 0], meeting[:, 1]]).astype(np.int32)
-        joined = np.zeros(len(corners), dtype=np.bool_)
+        joined = np.zeros(count, dtype=np.bool_)
         joined[meeting] = True
         unsure = ~np.isfinite(light.numbers[:, STEEP])
         unsure[face] = True
-        one, two, three = (self.vertices_mm[topology.faces[:, corner]] for corner in range(3))
-        centres, every = (one + two + three) / 3, np.arange(len(corners), dtype=np.int32)
+        every = np.arange(count, dtype=np.int32)
         state = self.blocked_parallel(centres, every, ~unsure, to_light, confirmed=False).astype(np.uint8)
         state[unsure] = UNSURE
         return FaceShadows(state, lines[:, 0], lines[:, 1], face, joined)
@@ -175,11 +169,9 @@ class ShadowCaster:
         )
         return np.asarray(one != other)
 
-    def _contour(self, corners: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the edges of the contour seen along the third axis, for corners of the faces, shape (m, 3, 3)."""
+    def _contour(self, front: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """Return the edges of the contour seen along the light, from the sides of the faces, see `measure_faces`."""
         topology = self.topology
-        one, two = corners[:, 1, :2] - corners[:, 0, :2], corners[:, 2, :2] - corners[:, 0, :2]
-        front = one[:, 0] * two[:, 1] > one[:, 1] * two[:, 0]
         pair = topology.edge_faces
         turned = (front[pair[:, 0]] != front[pair[:, 1]]) != topology.edge_flipped
         return np.flatnonzero(turned | topology.edge_crowded | (pair[:, 1] < 0))

@@ -34,7 +34,7 @@ from scenetruth.render.footprint_rules import (
 )
 from scenetruth.render.raycast_backend import RayView, RepeatingRayCaster, visible_uv
 from scenetruth.render.sampling_rules import FILTER_TAPS, WIDE_ORDERS, compute_widest_steps, lattice_rule, step_indices
-from scenetruth.render.stepped_light import STEP_ERRORS, SteppedLightRenderer, errors_above, face_steps
+from scenetruth.render.stepped_light import STEP_ERRORS, SteppedLightRenderer, errors_above
 from scenetruth.scene.texture import SurfaceTexture, TintedTexture
 
 __all__ = ["AdaptiveRenderer"]
@@ -117,7 +117,7 @@ class AdaptiveRenderer(SteppedLightRenderer):
             else:
                 light = self._shader.on_pixels(caster, t, origin, directions, hits, edges.mixed)
                 shade, blocked = light.shade, light.blocked
-        uv = visible_uv(world, caster.vertices_mm, origin)
+        uv = visible_uv(world, caster, origin)
         mesh = TexturedMesh(caster.vertices_mm, world.faces, caster.topology.face_neighbours, world.face_body, uv)
         rays = ImageRays(origin, directions, across, down, hits.face, camera.width)
         view = RayView(caster, t, mesh, rays, body, faces if decided else None)
@@ -328,6 +328,7 @@ class AdaptiveRenderer(SteppedLightRenderer):
         ``pixel``, ``face``, ``light``: Of the samples in mixed pixels, see `_trace_samples`.
         """
         from scenetruth.raycast.edge_cell_kernels import MOST_CUTS, cut_pixels
+        from scenetruth.render.shading_kernels import face_steps, mean_by_owner
 
         error, count, faces = self._image_error, len(cut.pixels), len(view.mesh.faces)
         # Pixels with many texels have enough samples for areas without cuts.
@@ -339,14 +340,13 @@ class AdaptiveRenderer(SteppedLightRenderer):
         within: NDArray[np.float64] = np.zeros(count)
         if view.face_light is not None and canvas.by_lamp is not None:
             # Pixels are cut along the borders of shadows, so that the light is constant on every facet.
-            steps = self._lamp_steps(view, canvas.by_lamp)
-            inner = owner >= 0
-            many = np.maximum(np.bincount(owner[inner], minlength=count), 1)
-            squares = _EDGES_CUT * np.bincount(owner[inner], steps[face[inner]], minlength=count) / many
+            squares = _EDGES_CUT * mean_by_owner(owner, face, self._lamp_steps(view, canvas.by_lamp), count)
             again = np.flatnonzero(errors_above(areas**2 * squares, error, surface))
+            if not len(again):
+                return
             wanted = np.zeros(count, dtype=np.bool_)
             wanted[again] = True
-            chosen = np.flatnonzero(inner & wanted[owner])
+            chosen = np.flatnonzero((owner >= 0) & wanted[owner])
             owner, face = np.divmod(np.unique(owner[chosen] * faces + face[chosen]), faces)
         else:
             chosen = np.flatnonzero(owner >= 0)

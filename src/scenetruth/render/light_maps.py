@@ -136,7 +136,7 @@ class LightMaps:
     def _albedo(self, origin_mm: NDArray[np.float64], hits: Hits) -> Map:
         """Return the texture at the hits, NaN without a hit, shape (n,)."""
         world = self._of.world
-        uv = hits.interpolate_corners(visible_uv(world, self._caster.vertices_mm, origin_mm))
+        uv = hits.interpolate_corners(visible_uv(world, self._caster, origin_mm))
         body = np.where(hits.face >= 0, world.face_body[hits.face], -1)
         albedo = np.full(len(body), np.nan)
         for index, item in enumerate(world.bodies):

@@ -38,18 +38,14 @@ __all__ = [
 ]  # fmt: skip
 
 
-def visible_uv(
-    world: BuiltScene, vertices_mm: NDArray[np.float64], origin_mm: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def visible_uv(world: BuiltScene, caster: RayCaster, origin_mm: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the texture coordinates at the corners of all faces, for the side visible from a point.
 
     The front of a face is the side of its normal (p1 - p0) x (p2 - p0), from which its corners run counter-clockwise.
     """
     if world.uv_back is world.uv:
         return world.uv
-    from scenetruth.raycast.edge_kernels import face_sides
-
-    _normals, front = face_sides(vertices_mm, world.faces, np.asarray(origin_mm, dtype=np.float64))
+    _normals, front = caster.sides(origin_mm)
     return np.where(front[:, None, None], world.uv, world.uv_back)
 
 
@@ -191,7 +187,7 @@ class RaycastRenderer(Renderer):
             world.faces,
             caster.topology.face_neighbours,
             world.face_body,
-            visible_uv(world, caster.vertices_mm, origin),
+            visible_uv(world, caster, origin),
         )
         rays = ImageRays(origin, directions, across, down, hits.face, camera.width)
         view = RayView(caster, t, mesh, rays, body)

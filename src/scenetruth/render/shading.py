@@ -389,7 +389,8 @@ class Shader:
 
         Next to smooth surfaces, which change the light and its shadows, shadows are decided for no face.
         """
-        from scenetruth.raycast.shadow_kernels import BLOCKED, LIT, UNSURE
+        from scenetruth.raycast.shadow_kernels import LIT, UNSURE
+        from scenetruth.render.shading_kernels import light_up_faces
 
         lamps = self._lamps_at(t)
         near = any(lamp.position_mm is not None for lamp in lamps)
@@ -397,27 +398,26 @@ class Shader:
             return None
         flat = not self._world.face_smooth.any()
         normals = caster.face_normals
-        corners = caster.vertices_mm[caster.topology.faces[:, 0]]
-        side = np.where(np.einsum("mk,mk->m", normals, origin_mm - corners) > 0, 1.0, -1.0)
-        by_lamp, bits, lines = np.zeros((len(normals), len(lamps))), np.zeros((3, len(normals)), dtype=np.uint64), []
-        total = np.full(len(normals), self._lighting.ambient_irradiance)
         meeting = np.empty(0, dtype=np.bool_)
+        cosines = np.empty((len(lamps), len(normals)))
+        states = np.full(cosines.shape, LIT if flat else UNSURE, dtype=np.uint8)
         for number, lamp in enumerate(lamps):
-            light = lamp.irradiance * np.maximum(-(normals @ lamp.axis) * side, 0.0)
-            state = np.full(len(normals), LIT if flat else UNSURE)
+            cosines[number] = normals @ lamp.axis
             if self._lighting.shadows and flat:
                 shadows = self._shadow_caster(caster).on_faces(-lamp.axis)
-                state, meeting = shadows.state, shadows.meeting
-                kept = light[shadows.face] > 0
+                states[number], meeting = shadows.state, shadows.meeting
+        irradiances, origin = np.array([lamp.irradiance for lamp in lamps]), np.asarray(origin_mm, dtype=np.float64)
+        mesh = caster.vertices_mm, caster.topology.faces, normals
+        ambient = float(self._lighting.ambient_irradiance)
+        by_lamp, total, bits = light_up_faces(mesh, origin, (irradiances, cosines, states), ambient)
+        lines = []
+        for number, lamp in enumerate(lamps):
+            if self._lighting.shadows and flat:
+                shadows = self._shadow_caster(caster).on_faces(-lamp.axis)
+                kept = (bits[:, shadows.face] >> np.uint64(number)).any(axis=0)
                 face, label = shadows.face[kept], np.full(np.count_nonzero(kept), number)
                 body = self._world.face_body[face]
                 lines.append(SurfaceLines(shadows.starts_mm[kept], shadows.ends_mm[kept], face, body, label))
-            for row, kind in enumerate((LIT, BLOCKED, UNSURE)):
-                bits[row] |= ((state == kind) & (light > 0)).astype(np.uint64) << np.uint64(number)
-            light[state == BLOCKED] = 0.0
-            total += light
-            light[state == UNSURE] *= -1.0
-            by_lamp[:, number] = light
         unsure = bits[2] > 0
         borders = SurfaceLines(*(np.concatenate(part) for part in zip(*lines, strict=True))) if lines else None
         return FaceLight(by_lamp, total, unsure, bits, flat, borders, meeting)

@@ -8,16 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.kernels import inlined, kernel
+from scenetruth.raycast.shadow_kernels import BLOCKED, LIT, UNSURE
 from scenetruth.threads import in_bands
 
 __all__ = [
     "add_light",
     "behind_sphere",
     "direct_light",
+    "face_steps",
     "facing_points",
     "find_alike",
     "light_of_faces",
+    "light_up_faces",
     "lit_means",
+    "mean_by_owner",
     "shade_image",
     "shadow_steps",
     "smooth_points",
@@ -33,6 +37,95 @@ _MIX = np.uint64(0x9E3779B97F4A7C15)  # multiplier that combines the zones of al
 # Minimum number of points, of points with a cheap operation, and of pixel rows per thread.
 _LEAST_POINTS, _LEAST_EASY_POINTS, _LEAST_ROWS = 4096, 65536, 8
 # Kernels use unsigned indices, because signed indices are tested for negative values at every access.
+
+
+def light_up_faces(
+    mesh: tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]],
+    origin: NDArray[np.float64],
+    lamps: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]],
+    ambient: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint64]]:
+    """Return ``by_lamp``, ``total`` and ``bits`` of flat faces under parallel lamps, see `FaceLight`.
+
+    ``mesh``: World positions, vertex indices and unit normals of the faces. ``origin``: Of the camera.
+    ``lamps``: Irradiance of each lamp, shape (lamps,); cosine of its direction and the normals, and state of the faces,
+      shape (lamps, m).
+    """
+    count, number = mesh[1].shape[0], len(lamps[0])
+    by_lamp, total = np.empty((count, number)), np.empty(count)
+    bits = np.zeros((3, count), dtype=np.uint64)
+    arguments = (*mesh, origin, *lamps, ambient, by_lamp, total, bits)
+    in_bands(_light_up_faces, count, *arguments, least=_LEAST_POINTS)
+    return by_lamp, total, bits
+
+
+@kernel()
+def _light_up_faces(
+    low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], normals: NDArray[np.float64],
+    origin: NDArray[np.float64],
+    irradiances: NDArray[np.float64], cosines: NDArray[np.float64], states: NDArray[np.uint8], ambient: float,
+    by_lamp: NDArray[np.float64], total: NDArray[np.float64], bits: NDArray[np.uint64],
+) -> None:  # fmt: skip
+    for face in range(low, high):
+        towards = 0.0
+        for k in range(3):
+            towards += normals[face, k] * (origin[k] - vertices[faces[face, 0], k])
+        side = 1.0 if towards > 0.0 else -1.0
+        total[face] = ambient
+        for lamp in range(irradiances.shape[0]):
+            light, state = irradiances[lamp] * max(-cosines[lamp, face] * side, 0.0), states[lamp, face]
+            if light > 0.0:
+                row = 0 if state == LIT else (1 if state == BLOCKED else 2)
+                bits[row, face] |= np.uint64(1) << np.uint64(lamp)
+            if state == BLOCKED:
+                light = 0.0
+            total[face] += light
+            by_lamp[face, lamp] = -light if state == UNSURE else light
+
+
+@kernel()
+def face_steps(light: NDArray[np.float64], neighbours: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Return the mean squared difference of the light between a face and its neighbours, and around them, shape (m,).
+
+    ``light``: Of each face by each lamp, NaN where it has no steps to neighbours, shape (m, lamps).
+    ``neighbours``: Of each face, -1 for none, shape (m, 3).
+    """
+    squares, found = np.zeros(light.shape[0]), np.empty(light.shape[0])
+    for face in range(light.shape[0]):
+        for k in range(3):
+            other, step = neighbours[face, k], 0.0
+            if other < 0:
+                continue
+            for lamp in range(light.shape[1]):
+                part = light[other, lamp] - light[face, lamp]
+                if not np.isnan(part):
+                    step += part
+            squares[face] += step * step / 3.0
+    for face in range(light.shape[0]):
+        around = 0.0
+        for k in range(3):
+            other = neighbours[face, k]
+            around += squares[face] if other < 0 else squares[other]
+        found[face] = (squares[face] + around / 3.0) / 2.0
+    return found
+
+
+@kernel()
+def mean_by_owner(
+    owner: NDArray[np.int64], face: NDArray[np.int32], values: NDArray[np.float64], count: int
+) -> NDArray[np.float64]:
+    """Return the mean value of the faces of samples with the same owner, 0 without samples, shape (count,).
+
+    ``owner``: Owner of each sample, -1 for none. ``face``: Face of each sample. ``values``: Of each face.
+    """
+    means, number = np.zeros(count), np.zeros(count, dtype=np.int64)
+    for n in range(owner.shape[0]):
+        if owner[n] >= 0:
+            means[owner[n]] += values[face[n]]
+            number[owner[n]] += 1
+    for n in range(count):
+        means[n] /= max(number[n], 1)
+    return means
 
 
 @kernel()

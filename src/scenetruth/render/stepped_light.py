@@ -14,7 +14,7 @@ from scenetruth.render.footprint_rules import FINE, raster_of
 from scenetruth.render.raycast_backend import RayView
 from scenetruth.render.shading import Arrived
 
-__all__ = ["STEP_ERRORS", "SteppedLightRenderer", "errors_above", "face_steps"]
+__all__ = ["STEP_ERRORS", "SteppedLightRenderer", "errors_above"]
 
 STEP_ERRORS = np.array([np.nan, 0.090, 0.053, 0.037, 0.021, 0.014])
 """RMS error of the area on one side of a line across a pixel, at random places and angles, by each of `all_rules`."""
@@ -41,22 +41,6 @@ def errors_above(squares: NDArray[np.float64], error: float, count: int) -> NDAr
     if kept < len(ascending):
         limit = min(limit, float(ascending[kept - 1]) if kept else float(squares[small].max(initial=-1.0)))
     return np.asarray(squares > limit)
-
-
-def face_steps(light: NDArray[np.float64], neighbours: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return the mean squared difference of the light between a face and its neighbours, and around them, shape (m,).
-
-    ``light``: Of each face by each lamp, NaN where it has no steps to neighbours, shape (m, lamps).
-    ``neighbours``: Of each face, -1 for none, shape (m, 3).
-    """
-    squares = np.zeros(len(light))
-    # Side by side, because reductions along a short axis take several times as long.
-    for others in neighbours.T:
-        steps = light[others] - light
-        steps[np.isnan(steps)] = 0.0
-        squares += np.where(others < 0, 0.0, (steps[:, 0] if light.shape[1] == 1 else steps.sum(axis=1)) ** 2) / 3
-    around = sum(np.where(others < 0, squares, squares[others]) for others in neighbours.T)
-    return np.asarray((squares + around / 3) / 2)
 
 
 def _grown(pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -168,6 +152,8 @@ class SteppedLightRenderer(FootprintRenderer):
             for number in range(light.shape[1]):
                 light[(view.face_light.bits[1] >> np.uint64(number)) & np.uint64(1) > 0, number] = np.nan
         light[self._world.face_smooth] = np.nan
+        from scenetruth.render.shading_kernels import face_steps
+
         steps = face_steps(light, self._facets(view.caster)[1])
         return np.asarray(steps * (self._levels**2)[self._world.face_body])
 
