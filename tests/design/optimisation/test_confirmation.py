@@ -267,5 +267,5 @@ def test_all_pairs_that_were_simulated_are_judged_and_counted() -> None:
     (line,) = describe_rank_consistency((objective(),), found)
     verdicts = [one.verdict for one in found]
     assert verdicts.count("kept") == 4
-    assert line.startswith("depth: of 5 pairs of simulated rigs, 4 keep the predicted order, 0 reverse it")
+    assert line.startswith("depth: the simulations confirm the predicted order of 4 of 5 pairs of rigs, ")
     assert list(describe_rank_consistency((objective("growth"),), found)) == []

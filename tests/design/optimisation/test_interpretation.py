@@ -87,7 +87,9 @@ def test_what_limits_is_told() -> None:
 def test_used_limits_have_the_digits_of_the_margin_that_counts(value: float, limit: float, words: str) -> None:
     used = evaluate_bound("grey_level", "grey level", value, "at most", limit, "1")
     one = Evaluation({}, {"depth": 0.05}, {"depth": {"noise": 0.05}}, (used,))
-    assert f"active constraints: grey level ({words})" in describe_limiting_factors(one, DesignSpace(()), (objective(),))
+    assert f"active constraints: grey level ({words})" in describe_limiting_factors(
+        one, DesignSpace(()), (objective(),)
+    )
 
 
 def test_assumptions_name_what_was_taken_for_granted(facts: RigContext) -> None:

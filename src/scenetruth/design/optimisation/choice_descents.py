@@ -1,9 +1,9 @@
 """Descents from all choices of lens, camera and stage: linear programs within a radius; the promising part goes on.
 
 Objectives and bounded properties of rigs are nearly powers of the continuous variables. Their logarithms are linear
-within a part of the range, so that a linear program finds the best rig there, and the constraints that it reaches. All
-that another lens needs (f-number, baseline, interval) changes at once; changes of single parameters stay with the lens
-that was found first.
+within a part of the range, so that a linear program gives the best rig there, and the constraints that it reaches. It
+changes f-number, baseline and interval together, as another lens requires; changes of single parameters keep the first
+lens.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _GAIN = 1e-4  # relative improvement of a descent that still moves
 _IDLE = 3
 _SAMPLED = 0.25  # largest share of the evaluations for choices that were not met twice
 _CHOOSING = 0.6  # share of the evaluations of a goal for the selection of choices
-_EXPLORED = 4  # steps from further choices, before the near ones go on
+_EXPLORED = 4  # steps from further choices, before those near the best go on
 _FAR, _NEAR = 1.0, 0.4  # log objectives that such a descent may still gain: before the next goal, and to its end
 
 
@@ -247,7 +247,7 @@ class _Search:
     def _step(self, descent: _Descent, end: int) -> bool:
         """Take a step: slopes from probes, the rig that a linear program proposes, and one that corrects it.
 
-        Returns False, without evaluations, if there is no room for it.
+        Returns False, without evaluations, if too few are left for it.
         """
         if descent.ended or len(self.ledger) + self.cost > end:
             return False

@@ -34,6 +34,7 @@ from scenetruth.estimators import estimate
 from scenetruth.jobs.results import ResultStore, TaskResult, compute_key, perform_task
 from scenetruth.jobs.scheduler import for_each
 from scenetruth.jobs.worker_setup import collect_versions
+from scenetruth.number_format import format_two_digits
 from scenetruth.progress import Progress
 from scenetruth.provenance import scene_hash
 from scenetruth.resources import Limits, limited_objects
@@ -76,6 +77,7 @@ def compare_with_prediction(
 
 _LITTLE_DISC_PX, _SMALL_DISC_PX, _LITTLE_MOTION_PX = 0.3, 2.0, 0.1
 """A blur disc of 0.3 px reduces the contrast at a wavelength of 4 px by 0.7 %, a motion of 0.1 px by 0.1 %."""
+_VISIBLE_PX = 0.001
 _SAMPLES = 12
 _FEWER_SAMPLES = 2
 _LEAST_WINDOWS, _LEAST_ROWS = 10.0, 32  # smallest image height, in standard deviations of the window and in px
@@ -106,8 +108,12 @@ def reduce_scene(scene: Scene, region: str, max_size_px: int | None) -> ReducedS
         most = float(np.hypot(*moved.T).max(initial=0.0))
         if most < _LITTLE_MOTION_PX:
             plain["shutter"]["exposure_time_s"] = 0.0
-            changes.append(f"motion blur omitted (at most {most:.2g} px)")
+            changes.append(f"motion blur omitted ({_at_most_px(most)})")
     return ReducedScene(plain, tuple(changes))
+
+
+def _at_most_px(most: float) -> str:
+    return f"at most {format_two_digits(most)} px" if most >= _VISIBLE_PX else f"below {_VISIBLE_PX:g} px"
 
 
 def _focus(scene: Scene, plain: dict[str, Any], depth_mm: NDArray[np.float64]) -> list[str]:
@@ -119,12 +125,12 @@ def _focus(scene: Scene, plain: dict[str, Any], depth_mm: NDArray[np.float64]) -
     most = float(discs.max(initial=0.0))
     if most < _LITTLE_DISC_PX:
         plain["optics"]["defocus"] = None
-        return [f"defocus blur omitted (at most {most:.2g} px)"]
+        return [f"defocus blur omitted ({_at_most_px(most)})"]
     if most < _SMALL_DISC_PX and not isinstance(psf, AiryPsf):
         # The standard deviation of a disc along each axis is a quarter of its diameter.
         sigma = math.hypot(0.0 if psf is None else psf.sigma_px, float(np.sqrt(np.mean(discs**2))) / 4)
         plain["optics"] |= {"defocus": None, "psf": {"kind": "gaussian", "sigma_px": sigma}}
-        return [f"defocus blur (at most {most:.2g} px) included in the point spread function"]
+        return [f"defocus blur ({_at_most_px(most)}) included in the point spread function"]
     plain["optics"]["defocus"]["samples"] = min(_SAMPLES, defocus.samples)
     plain["render"]["supersampling"] = min(_FEWER_SAMPLES, scene.render.samples)
     few = plain["optics"]["defocus"]["samples"]

@@ -128,11 +128,12 @@ def describe_rank_consistency(objectives: Sequence[Objective], orders: Sequence[
         own = [one for one in orders if one.objective == objective.title]
         count = Counter(one.verdict for one in own)
         if own:
-            yield (
-                f"{objective.title}: of {len(own)} pair{'s' if len(own) > 1 else ''} of simulated rigs, "
-                f"{count['kept']} keep the predicted order, {count['swapped']} reverse it, and "
-                f"{count['undecided']} are undecided with {min(one.seeds for one in own)} seeds"
-            )
+            pairs = f"{len(own)} pair{'s' if len(own) > 1 else ''} of rigs"
+            parts = [f"the simulations confirm the predicted order of {count['kept']} of {pairs}"]
+            parts += [f"reverse that of {count['swapped']}"] if count["swapped"] else []
+            seeds = min(one.seeds for one in own)
+            parts += [f"do not decide that of {count['undecided']} with {seeds} seeds"] if count["undecided"] else []
+            yield f"{objective.title}: {', '.join(parts)}"
 
 
 def _changed(objectives: Sequence[Objective], sensitivities: Sequence[Sensitivity]) -> Iterator[str]:

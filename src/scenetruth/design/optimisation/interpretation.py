@@ -233,7 +233,7 @@ def list_assumptions(
     *,
     confirmed: bool,
 ) -> tuple[str, ...]:
-    """Return descriptions of the assumptions. ``confirmed``: Whether descents from other rigs found no better rig."""
+    """Return the assumptions as sentences. ``confirmed``: Whether descents from other rigs ended at no better rig."""
     return tuple(_lines(spec, facts, changes, left_out, effects, confirmed=confirmed))
 
 

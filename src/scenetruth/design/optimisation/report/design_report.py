@@ -35,6 +35,7 @@ from scenetruth.design.optimisation.report.design_tables import (
     build_rule_table,
     build_sensitivity_table,
     find_tightest,
+    get_catalogue_titles,
 )
 from scenetruth.design.optimisation.report.scene_file import (
     PREVIEW_FILE,
@@ -202,13 +203,17 @@ def describe_sensitivities(design: DesignResult) -> list[str]:
         own = sorted(own, key=lambda one: -abs(one.ten_percent))[:_MOST_LISTED]
         if own:
             parts = [
-                f"an increase of {one.parameter} by 10 % changes it by {format_signed_percent(one.ten_percent)} "
-                f"({'better' if one.ten_percent < 0 else 'worse'}), "
+                f"an increase of {_changed_words(one.parameter)} by 10 % changes it by "
+                f"{format_signed_percent(one.ten_percent)} ({'better' if one.ten_percent < 0 else 'worse'}), "
                 f"a decrease by {format_signed_percent(one.ten_percent_less)}"
                 for one in own
             ]
             values.append(f"{objective.title}: {_listed(parts)}.")
     return values
+
+
+def _changed_words(parameter: str) -> str:
+    return "the focal length of the lens" if parameter == "lens" else parameter
 
 
 def _listed(parts: Sequence[str]) -> str:
@@ -276,6 +281,8 @@ def write_design_page(design: DesignResult, folder: str | Path) -> Path:
         design=design,
         rig=design.recommended,
         reached=summarise_objectives(design),
+        titles=get_catalogue_titles(design),
+        feasible=int(design.screened["holds"].sum()),
         warnings=list_warnings(design),
         tightest=tightest,
         left=format_percent(tightest.margin) if tightest is not None else "",

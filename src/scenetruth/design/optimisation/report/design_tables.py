@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any, TypeGuard
 
+from scenetruth.design.optimisation.catalogues import load_catalogues
 from scenetruth.design.optimisation.design_records import (
     ConstraintValue,
+    DesignSpecError,
     PredictionInterval,
     RigDesign,
     compute_rig_interval,
@@ -37,6 +40,7 @@ __all__ = [
     "build_rule_table",
     "build_sensitivity_table",
     "find_tightest",
+    "get_catalogue_titles",
 ]
 
 _NOTHING = PredictionInterval(math.nan, math.nan, math.nan, 0)
@@ -49,16 +53,31 @@ _OTHER: Mapping[str, Mapping[str, str]] = {
 _AT_THE_END = 0.01  # distance from an end that counts as the end of the range, as a fraction of the range
 
 
+def get_catalogue_titles(design: DesignResult) -> dict[str, str]:
+    """Return the titles of the catalogue entries of the recommended rig, by design variable."""
+    with suppress(DesignSpecError):
+        entries = load_catalogues(design.specification.get("catalogues") or ())
+        kinds: dict[str, Mapping[str, Any]] = {
+            "lens": entries.lenses,
+            "camera": entries.cameras,
+            "stage": entries.stages,
+        }
+        chosen = {
+            name: kinds[name].get(value) for name, value in design.recommended.parameters.items() if name in kinds
+        }
+        return {name: entry.title for name, entry in chosen.items() if entry is not None}
+    return {}
+
+
 def build_parameter_table(design: DesignResult) -> HtmlTable:
     """Return the table of design variables of the recommended rig with their ranges."""
-    variables = design.specification.get("variables", {})
+    variables, titles = design.specification.get("variables", {}), get_catalogue_titles(design)
     lines = []
     for path, value in design.recommended.parameters.items():
         entry = variables.get(path) if isinstance(variables, Mapping) else None
         chosen, at_end = _range(entry, value)
-        lines.append(
-            [HtmlCell(path), HtmlCell(format_value(value), _sort_key(value)), HtmlCell(chosen), HtmlCell(at_end)]
-        )
+        text = f"{titles[path]} ({value})" if path in titles else format_value(value)
+        lines.append([HtmlCell(path), HtmlCell(text, _sort_key(value)), HtmlCell(chosen), HtmlCell(at_end)])
     caption = "Design variables with their ranges or choices"
     return HtmlTable("parameters", caption, ["parameter", "value", "range or choices", "end of the range"], lines)
 
@@ -96,7 +115,8 @@ def build_front_table(design: DesignResult) -> HtmlTable:
             for value in (rig.parameters.get(path, "") for path in parameters)
         ]
         line += [_number_cell(rig.price)] if priced else []
-        line += [_tightest_cell(rig), HtmlCell(rig.limits or UNDEFINED)]
+        # The constraints have a table of their own.
+        line += [_tightest_cell(rig), HtmlCell(rig.limits.partition("; active constraints:")[0] or UNDEFINED)]
         file = build_scene_file(rig, f"rig_{rig.number}.yaml")
         lines.append([*line, HtmlCell(file.name, float(rig.number), file.address, file.name)])
     return HtmlTable(

@@ -14,6 +14,7 @@ from scenetruth.design.optimisation.design_records import RigDesign
 from scenetruth.design.optimisation.design_result import DesignResult
 from scenetruth.design.optimisation.specification import ConfirmationSpec
 from scenetruth.errors import SceneError
+from scenetruth.number_format import format_two_digits
 from scenetruth.pipeline import STAGES, compute_method_workload
 from scenetruth.resources import (
     Forecast,
@@ -60,9 +61,9 @@ def describe_cost(scene: Scene) -> str:
     except SceneError as error:
         return f"exceeds the default limits: {'; '.join(map(str, error.problems))}"
     hours = cost.seconds / _HOUR_S
-    time = f"{hours:.2g} h" if hours >= 1 else f"{max(60 * hours, 1):.0f} min"
-    memory, disk = cost.memory_bytes / _GB, cost.disk_bytes / _GB
-    return f"takes about {time} of processor time, {memory:.2g} GB of memory and {disk:.2g} GB of disk space"
+    time = f"{format_two_digits(hours)} h" if hours >= 1 else f"{max(60 * hours, 1):.0f} min"
+    memory, disk = (format_two_digits(each / _GB) for each in (cost.memory_bytes, cost.disk_bytes))
+    return f"takes about {time} of processor time, {memory} GB of memory and {disk} GB of disk space"
 
 
 def find_cost_problems(scene: Scene) -> list[str]:
