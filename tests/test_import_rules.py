@@ -56,7 +56,7 @@ MAY_IMPORT = {
     "random_streams": set(),
     "progress": set(),
     "settings": {"validated_model"},
-    "schema": {"errors", "indexing", "progress", "plain_data"},
+    "schema": {"errors", "indexing", "lazy_exports", "progress", "plain_data"},
     "camera": LEAVES,
     "scene": {*LEAVES, "camera", "estimators"},
     "raycast": {*LEAVES, "camera"},
@@ -67,7 +67,7 @@ MAY_IMPORT = {
     "output": {"errors"},
     "results": {"errors", "output", "plain_data"},
     "jobs": {*LEAVES, "output", "resources", "schema", "provenance"},
-    "storage": {"errors", "schema", "output", "compilation"},
+    "storage": {"errors", "schema", "output", "compilation", "lazy_exports"},
     "exporters": {*LEAVES, "schema", "output", "storage", "strain"},
     "simulation": {
         *LEAVES,
@@ -282,6 +282,7 @@ SMALL = {
     "scenetruth.cli.render_probe": "runs as a script, in a process of its own",
     "scenetruth.output.destinations": "the checks of a destination, which read it only",
     "scenetruth.render.opengl_probe": "runs as a script, in a process of its own",
+    "scenetruth.storage.stored_array": "loads xarray, which the rest of the package does without until it is used",
 }
 """Small modules with one importer that stay apart, and why."""
 

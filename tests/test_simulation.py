@@ -181,11 +181,18 @@ def test_ideal_images_are_kept_in_a_store(tmp_path: Path) -> None:
     )
 
 
-def test_simulation_is_imported_without_what_only_some_scenes_need() -> None:
-    heavy = ["scipy", "trimesh", "numba", "pyrender", "OpenGL", "zarr", "matplotlib", "embreex"]
-    code = f"import sys, scenetruth.simulation; print([name for name in {heavy} if name in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+def test_scenes_are_rendered_to_disk_without_what_only_some_of_them_need(tmp_path: Path) -> None:
+    heavy = ["trimesh", "pyrender", "OpenGL", "matplotlib", "embreex", "xarray", "pandas"]
+    imported, rendered = [*heavy, "scipy", "numba", "zarr"], [*heavy, "scipy.sparse", "scipy.linalg"]
+    code = (
+        "import sys, scenetruth.simulation, scenetruth as st\n"
+        f"print([name for name in {imported} if name in sys.modules])\n"
+        "from tests.helpers.scenes import cube\n"
+        f"st.run_scene(cube(**{SMALL}), stages=('render',), output={str(tmp_path / 'run')!r})\n"
+        f"print([name for name in {rendered} if name in sys.modules])\n"
+    )
+    done = subprocess.run([sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["[]", "[]"]
 
 
 PATH_WITHOUT_DASK = """

@@ -1,4 +1,4 @@
-"""Names that a package exports and imports on first use."""
+"""Names that a package exports, and modules, imported on first use."""
 
 from __future__ import annotations
 
@@ -30,3 +30,21 @@ def export_lazily(package: str, exports: Mapping[str, str]) -> tuple[Callable[[s
         return value
 
     return import_name, lambda: sorted({*vars(sys.modules[package]), *homes})
+
+
+class _LazyModule:
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __getattr__(self, attribute: str) -> Any:
+        return getattr(import_module(self._name), attribute)
+
+
+def lazy_module(name: str) -> Any:
+    """Return a module that is imported when one of its attributes is read.
+
+    >>> fractions = lazy_module("fractions")
+    >>> fractions.Fraction(1, 2)
+    Fraction(1, 2)
+    """
+    return _LazyModule(name)

@@ -12,16 +12,18 @@ from contextlib import suppress
 from functools import cache, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from scenetruth.camera import Schedule, build_sensor_chain
 from scenetruth.input_files import collect_input_files
 from scenetruth.random_streams import generator_for
 from scenetruth.scene.scene_models import Scene
-from scenetruth.schema import Intrinsics, blank_map, digest, label, tolerance_attributes
+from scenetruth.schema import DatasetOutline, Intrinsics, blank_map, digest, make_outline, tolerance_attributes
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = [
     "acquisition_attributes",
@@ -29,6 +31,7 @@ __all__ = [
     "build_schedule",
     "content_hash",
     "intrinsics_from",
+    "outline_recording",
     "own_release",
     "provenance_attributes",
     "recording_hash",
@@ -62,8 +65,15 @@ def intrinsics_from(scene: Scene) -> Intrinsics:
     return Intrinsics(camera.focal_px, camera.principal_point, scene.stage.baseline_mm, scene.frames.frame_interval_s)
 
 
-def blank_recording(scene: Scene, attrs: Mapping[str, Any] | None = None, *, save_radiance: bool = False) -> xr.Dataset:
+def blank_recording(scene: Scene) -> xr.Dataset:
     """Return the recording of a scene with blank images that occupy no memory."""
+    return outline_recording(scene).dataset()
+
+
+def outline_recording(
+    scene: Scene, attrs: Mapping[str, Any] | None = None, *, save_radiance: bool = False
+) -> DatasetOutline:
+    """Return the outline of the recording of a scene, with blank images that occupy no memory."""
     camera, stage, sensor = scene.camera, scene.stage, build_sensor_chain(scene.sensor)
     rows = (stage.rows,) if stage.rows > 1 else ()
     shape = (*rows, stage.positions, scene.frames.count, camera.height, camera.width)
@@ -78,7 +88,7 @@ def blank_recording(scene: Scene, attrs: Mapping[str, Any] | None = None, *, sav
     )
     if save_radiance:
         arrays["radiance"] = blank_map(np.float32, (*shape, len(camera.bands)) if camera.bands else shape)
-    return label(
+    return make_outline(
         "recording",
         arrays,
         intrinsics_from(scene),

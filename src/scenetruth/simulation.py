@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.camera import ImageAcquisition, LinearImage, build_sensor_chain
 from scenetruth.errors import SceneWarning
 from scenetruth.memory import release_memory
 from scenetruth.progress import Progress
-from scenetruth.provenance import blank_recording, build_schedule, provenance_attributes, recording_hash
+from scenetruth.provenance import build_schedule, outline_recording, provenance_attributes, recording_hash
 from scenetruth.random_streams import generator_for
 from scenetruth.render import Renderer, choose_renderer
 from scenetruth.resources import Limits, load_checked_scene, raising_all_problems, refuse_beyond_limits
@@ -27,7 +26,7 @@ from scenetruth.scene.built_scene import BuiltScene, build_scene
 from scenetruth.scene.lighting import Lighting
 from scenetruth.scene.scene_models import Scene
 from scenetruth.scene.scene_report import check_scene
-from scenetruth.schema import IncrementalDataset, Put
+from scenetruth.schema import DatasetOutline, IncrementalDataset, Put
 from scenetruth.storage import RECORDING, SCENE, TRUTH, StoreWriter, store_name
 from scenetruth.threads import in_order, with_one_blas_thread
 from scenetruth.truth import (
@@ -37,14 +36,16 @@ from scenetruth.truth import (
     TruthTasks,
     TruthViews,
     announce_truth,
-    blank_truth,
     count_tasks_at_once,
     memory_for,
+    outline_truth,
     refuse_arguments,
     truth_from_world,
 )
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from scenetruth.render.light_maps import LightOfBands, LightOfScene
 
 __all__ = ["Simulation", "make_truth", "simulate", "simulate_into"]
@@ -163,7 +164,7 @@ def simulate(
     choice = TruthOptions(truth_views, truth_poses, truth_content)
     work = _Work(scene, choice, save_radiance=save_radiance, progress=progress)
     with work.opened() as blank:
-        images, maps = IncrementalDataset(blank), IncrementalDataset(work.blank_truth())
+        images, maps = IncrementalDataset(blank.dataset()), IncrementalDataset(work.outline_truth().dataset())
         work.perform(images.put, maps.put)
     work.warn(stacklevel=3)
     return Simulation(images.dataset(), maps.dataset())
@@ -261,7 +262,7 @@ def simulate_into(
     work = _Work(scene, choice, save_radiance=save_radiance, progress=progress)
     (recorded, measured), zipped = _stores(folder, scene), scene.storage.form == "zip"
     with work.opened() as blank, StoreWriter(recorded, blank, zipped=zipped) as images:
-        like, narrow = work.blank_truth(), scene.storage.truth == "float32"
+        like, narrow = work.outline_truth(), scene.storage.truth == "float32"
         with StoreWriter(measured, like, zipped=zipped, narrow=narrow) as maps:
             work.perform(images.put, maps.put)
     work.warn(stacklevel=3)
@@ -309,8 +310,8 @@ class _Work:
         self._brightest = 0.0
 
     @contextmanager
-    def opened(self) -> Iterator[xr.Dataset]:
-        """Open the renderer, and yield the recording with blank images."""
+    def opened(self) -> Iterator[DatasetOutline]:
+        """Open the renderer, and yield the outline of the recording, with blank images."""
         scene = self.scene
         choice = choose_renderer(scene, self.world)
         self._another = choice.another
@@ -319,11 +320,11 @@ class _Work:
             name = self._renderer.name
             self.provenance["recording_hash"] = recording_hash(self.provenance["scene_hash"], name)
             attrs = {**self.provenance, "render_backend": name, "render_fallback_reason": choice.fallback_reason}
-            yield blank_recording(scene, attrs, save_radiance=self.save_radiance)
+            yield outline_recording(scene, attrs, save_radiance=self.save_radiance)
 
-    def blank_truth(self) -> xr.Dataset:
-        """Return the truth with blank maps; requires `opened`, to whose recording it belongs."""
-        return blank_truth(self.scene, self.choice, self.provenance)
+    def outline_truth(self) -> DatasetOutline:
+        """Return the outline of the truth, with blank maps; requires `opened`, to whose recording it belongs."""
+        return outline_truth(self.scene, self.choice, self.provenance)
 
     @with_one_blas_thread
     def perform(self, put_image: Put, put_map: Put) -> None:

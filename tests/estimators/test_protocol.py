@@ -46,7 +46,7 @@ def test_windows_are_the_recordings(asked: list[tuple[int, int]], dtype: Any, ch
 
 
 def test_stored_frames_are_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from scenetruth.storage import reader as reading
+    from scenetruth.storage import stored_array as reading
 
     st.save_store(
         st.make_recording(images(np.uint8), focal_length_px=500, baseline_mm=5, full_scale=200),

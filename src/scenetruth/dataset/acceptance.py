@@ -18,7 +18,7 @@ from scenetruth.scene import Scene
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.scene_report import check_scene
 from scenetruth.schema import IncrementalDataset
-from scenetruth.truth import TruthOptions, blank_truth, fill_truth
+from scenetruth.truth import TruthOptions, fill_truth, outline_truth
 from scenetruth.validated_model import Finite, FrozenModel, Name
 
 __all__ = [
@@ -70,7 +70,7 @@ class GeometryPreview:
 
     @cached_property
     def _truth(self) -> Any:
-        filling = IncrementalDataset(blank_truth(self._small, TruthOptions(), {}))
+        filling = IncrementalDataset(outline_truth(self._small, TruthOptions(), {}).dataset())
         fill_truth(self._small, self.world, TruthOptions(), filling.put)
         return filling.dataset()
 

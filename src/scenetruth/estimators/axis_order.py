@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.schema.validity import excluded_pixels
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["describe_likely_causes", "measure_shift", "share_of_valid"]
 

@@ -7,10 +7,9 @@ import zlib
 from collections.abc import Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from scenetruth.errors import EstimateError, EstimateWarning, Problem, RecordingError, ScenetruthError, StoreError
 from scenetruth.estimators.axis_order import describe_likely_causes, share_of_valid
@@ -18,6 +17,7 @@ from scenetruth.estimators.method_specs import MethodLike, MethodSpec
 from scenetruth.estimators.protocol import Estimator, StreamingMethod
 from scenetruth.estimators.registry import DEFAULT_METHOD, find_method, validate_settings
 from scenetruth.estimators.user_code import FunctionMethod, locate_exception
+from scenetruth.lazy_exports import lazy_module
 from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
 from scenetruth.schema import VARIABLES, Put, blank_map, check_dataset, estimate_hash, flat_attributes
@@ -31,6 +31,11 @@ from scenetruth.schema.validity import (
     validity_variable,
 )
 from scenetruth.validated_model import FrozenModel
+
+if TYPE_CHECKING:
+    import xarray as xr
+else:
+    xr = lazy_module("xarray")
 
 __all__ = ["EstimationTask", "estimate", "is_in_memory", "output_problems", "prepare", "read_only", "requirements"]
 

@@ -5,16 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.errors import Problem
 from scenetruth.progress import Progress
 from scenetruth.schema import IncrementalDataset, Put, read_acquisition
 from scenetruth.validated_model import FrozenModel
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["RESERVED_SETTINGS", "Estimator", "FrameReader", "Method", "MethodSettings", "Needs", "StreamingMethod"]
 

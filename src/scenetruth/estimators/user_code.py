@@ -11,16 +11,21 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import TYPE_CHECKING, Any, get_type_hints
 
-import xarray as xr
 from pydantic import Field, create_model
 
 from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators.protocol import Method, MethodSettings
+from scenetruth.lazy_exports import lazy_module
 from scenetruth.progress import Progress
 from scenetruth.schema import assemble_estimate, make_estimate
 from scenetruth.validation_problems import suggest_word
+
+if TYPE_CHECKING:
+    import xarray as xr
+else:
+    xr = lazy_module("xarray")
 
 __all__ = ["FunctionMethod", "is_user_file", "list_imported", "locate_exception", "with_imported"]
 

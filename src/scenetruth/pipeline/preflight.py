@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
-
-import xarray as xr
+from typing import TYPE_CHECKING
 
 from scenetruth.errors import Problem
 from scenetruth.estimators import MethodChoice, StreamingMethod, find_method, requirements
@@ -13,6 +12,9 @@ from scenetruth.estimators.method_specs import MethodSpec
 from scenetruth.provenance import blank_recording
 from scenetruth.resources import MethodWorkload, RecordingWorkload
 from scenetruth.scene import Scene
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["compute_method_workload", "compute_recording_workload", "method_choices", "run_problems"]
 

@@ -12,8 +12,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 
-import xarray as xr
-
 from scenetruth.errors import MismatchError, Problem, SceneError, ScenetruthError, StoreError
 from scenetruth.estimators import EstimationTask, MethodChoice, choose, prepare
 from scenetruth.output import (
@@ -44,6 +42,8 @@ from scenetruth.storage import (
 
 if TYPE_CHECKING:
     from concurrent.futures import Future
+
+    import xarray as xr
 
     from scenetruth.pipeline.figure_worker import FigureWorker
     from scenetruth.scoring import FigureInfo, Score

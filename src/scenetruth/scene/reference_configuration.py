@@ -136,7 +136,7 @@ def _connected(one: NDArray[np.integer[Any]], two: NDArray[np.integer[Any]], cou
         least = np.minimum(first[one], first[two])
         nearer = first.copy()
         for ends in (one, two):
-            # The first node found so far is moved as well, which shortens chains.
+            # The node reached so far is moved as well, which shortens chains.
             np.minimum.at(nearer, ends, least)
             np.minimum.at(nearer, first[ends], least)
         nearer = nearer[nearer]

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from scenetruth.errors import Problem
 from scenetruth.schema.attributes import read_intrinsics
+from scenetruth.schema.outline import DatasetOutline
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = [
     "DISTORTION_ORDER",
@@ -161,7 +164,7 @@ def is_finite_number(value: Any) -> bool:
         return False
 
 
-def acquisition_problems(recording: xr.Dataset) -> list[Problem]:
+def acquisition_problems(recording: xr.Dataset | DatasetOutline) -> list[Problem]:
     """Return all problems of times, positions, tolerances and lens of a recording."""
     return [
         *_tolerance_problems(recording),
@@ -171,7 +174,7 @@ def acquisition_problems(recording: xr.Dataset) -> list[Problem]:
     ]
 
 
-def _tolerance_problems(recording: xr.Dataset) -> list[Problem]:
+def _tolerance_problems(recording: xr.Dataset | DatasetOutline) -> list[Problem]:
     problems = []
     for name, value in recording.attrs.items():
         if not str(name).startswith(_PREFIX):
@@ -251,7 +254,7 @@ def _lens_problems(attrs: Mapping[Any, Any]) -> list[Problem]:
 _INTERVAL_FACTOR = 2.0
 
 
-def _timing_problems(recording: xr.Dataset) -> list[Problem]:
+def _timing_problems(recording: xr.Dataset | DatasetOutline) -> list[Problem]:
     attrs = recording.attrs
     problems = [
         Problem(f"attrs.{name}", f"must be a finite number{more}", "None" if attrs[name] is None else attrs[name])
@@ -288,7 +291,7 @@ def _timing_problems(recording: xr.Dataset) -> list[Problem]:
 _COINCIDE_MM = 1e-6
 
 
-def _position_problems(recording: xr.Dataset) -> list[Problem]:
+def _position_problems(recording: xr.Dataset | DatasetOutline) -> list[Problem]:
     problems = []
     for name in ("stage_x_mm", "stage_y_mm"):
         values = _places_of(recording, name)
@@ -297,12 +300,12 @@ def _position_problems(recording: xr.Dataset) -> list[Problem]:
     return problems
 
 
-def _smallest_step_mm(recording: xr.Dataset) -> float | None:
+def _smallest_step_mm(recording: xr.Dataset | DatasetOutline) -> float | None:
     values = _places_of(recording, "stage_x_mm")
     return None if values is None or len(values) < 2 else float(np.diff(np.sort(values)).min())
 
 
-def _places_of(recording: xr.Dataset, name: str) -> Array | None:
+def _places_of(recording: xr.Dataset | DatasetOutline, name: str) -> Array | None:
     if name not in recording.coords:
         return None
     values = recording.variables[name].values

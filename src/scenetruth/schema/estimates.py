@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from scenetruth.errors import EstimateWarning, Problem, RecordingError
+from scenetruth.lazy_exports import lazy_module
 from scenetruth.schema.attributes import Intrinsics, estimate_hash, read_intrinsics
 from scenetruth.schema.input_arrays import order_problems, real_array
 from scenetruth.schema.pixel_grid import compute_pixel_grid
@@ -18,6 +18,11 @@ from scenetruth.schema.scene_flow import depth_from_disparity, depth_rate_along,
 from scenetruth.schema.validation import check_dataset
 from scenetruth.schema.validity import STATUS_SOURCES, compute_validity, excluded_pixels, status_of_quantity
 from scenetruth.schema.variables import STATUS_FALLBACK, STATUS_INVALID, STATUS_VALID, label
+
+if TYPE_CHECKING:
+    import xarray as xr
+else:
+    xr = lazy_module("xarray")
 
 __all__ = ["assemble_estimate", "make_estimate"]
 

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from scenetruth.lazy_exports import lazy_module
 from scenetruth.schema.attributes import read_intrinsics
 from scenetruth.schema.estimates import assemble_estimate
 from scenetruth.schema.pixel_grid import compute_pixel_grid
 from scenetruth.schema.scene_flow import depth_from_disparity, depth_rate_at
 from scenetruth.schema.variables import COMPONENTS, VARIABLES, label
+
+if TYPE_CHECKING:
+    import xarray as xr
+else:
+    xr = lazy_module("xarray")
 
 __all__ = ["IncrementalDataset", "Put", "blank_estimate", "blank_map", "compute_depth_rate", "put_each", "put_estimate"]
 

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import deepcopy
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.errors import Problem
+from scenetruth.lazy_exports import lazy_module
+from scenetruth.schema.outline import DatasetOutline
 from scenetruth.schema.variables import describe_variable
+
+if TYPE_CHECKING:
+    import xarray as xr
+else:
+    xr = lazy_module("xarray")
 
 __all__ = [
     "attributes_from",
@@ -301,7 +307,7 @@ def exclusion_mask_from(values: Any, sizes: Mapping[str, int], problems: list[Pr
     return xr.Variable(dims, found, attrs)
 
 
-def exclusion_mask_problems(recording: xr.Dataset) -> list[Problem]:
+def exclusion_mask_problems(recording: xr.Dataset | DatasetOutline) -> list[Problem]:
     """Return the problems of a recording's exclusion mask."""
     mask = recording.variables["exclusion_mask"]
     problems = []
@@ -310,7 +316,7 @@ def exclusion_mask_problems(recording: xr.Dataset) -> list[Problem]:
     return problems + _dimension_problems(recording, "exclusion_mask")
 
 
-def noise_share_problems(recording: xr.Dataset) -> list[Problem]:
+def noise_share_problems(recording: xr.Dataset | DatasetOutline) -> list[Problem]:
     """Return the problems of a recording's noise share."""
     share = recording.variables["noise_share"]
     problems = _dimension_problems(recording, "noise_share")
@@ -319,7 +325,7 @@ def noise_share_problems(recording: xr.Dataset) -> list[Problem]:
     return problems
 
 
-def _dimension_problems(recording: xr.Dataset, name: str) -> list[Problem]:
+def _dimension_problems(recording: xr.Dataset | DatasetOutline, name: str) -> list[Problem]:
     """Return the problems of the dimensions of a variable that may lack some of those of the images."""
     dims = recording.variables[name].dims
     image = recording.variables["image"].dims if "image" in recording else ("s_y", "s", "t", "y", "x")

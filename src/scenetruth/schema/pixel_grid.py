@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.errors import Problem, RecordingError
+from scenetruth.lazy_exports import lazy_module
 from scenetruth.schema.attributes import Intrinsics
+from scenetruth.schema.outline import DatasetOutline
+
+if TYPE_CHECKING:
+    import xarray as xr
+else:
+    xr = lazy_module("xarray")
 
 __all__ = ["PixelGrid", "compute_pixel_grid", "pixel_grid_problems"]
 
@@ -56,7 +63,7 @@ def compute_pixel_grid(dataset: xr.Dataset) -> PixelGrid:
     return PixelGrid(_first(dataset, "x"), _first(dataset, "y"), steps[0] if steps else 1.0)
 
 
-def pixel_grid_problems(dataset: xr.Dataset) -> list[Problem]:
+def pixel_grid_problems(dataset: xr.Dataset | DatasetOutline) -> list[Problem]:
     """Return the problems of the coordinates ``x`` and ``y`` as a grid of square pixels."""
     problems = []
     for name in ("x", "y"):
@@ -76,7 +83,9 @@ def pixel_grid_problems(dataset: xr.Dataset) -> list[Problem]:
     return problems
 
 
-def _values(dataset: xr.Dataset, name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]] | None:
+def _values(
+    dataset: xr.Dataset | DatasetOutline, name: str
+) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]] | None:
     if name not in dataset.coords:
         return None
     values = dataset.variables[name].values
@@ -85,12 +94,12 @@ def _values(dataset: xr.Dataset, name: str) -> np.ndarray[tuple[int, ...], np.dt
     return np.asarray(np.atleast_1d(values), dtype=np.float64)
 
 
-def _first(dataset: xr.Dataset, name: str) -> float:
+def _first(dataset: xr.Dataset | DatasetOutline, name: str) -> float:
     values = _values(dataset, name)
     return 0.0 if values is None or len(values) == 0 else float(values[0])
 
 
-def _step(dataset: xr.Dataset, name: str) -> float | None:
+def _step(dataset: xr.Dataset | DatasetOutline, name: str) -> float | None:
     """Return the mean step of a coordinate, or None for a single pixel."""
     values = _values(dataset, name)
     if values is None:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.schema.attributes import read_intrinsics
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = [
     "describe_disparities",

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from scenetruth.errors import Problem, RecordingError, SceneWarning
 from scenetruth.indexing import centred_indices
+from scenetruth.lazy_exports import lazy_module
 from scenetruth.schema.acquisition import LENS_TOLERANCES, TOLERANCE_NAMES, tolerance_attributes
 from scenetruth.schema.attributes import Intrinsics
 from scenetruth.schema.input_arrays import (
@@ -28,6 +28,11 @@ from scenetruth.schema.input_arrays import (
 from scenetruth.schema.plausible_units import describe_positions, describe_rig
 from scenetruth.schema.validation import check_dataset
 from scenetruth.schema.variables import label
+
+if TYPE_CHECKING:
+    import xarray as xr
+else:
+    xr = lazy_module("xarray")
 
 __all__ = ["image_to_grey", "make_recording"]
 

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from scenetruth.errors import Problem, RecordingError
+from scenetruth.lazy_exports import lazy_module
 from scenetruth.plain_data import parse_json, plain_problems
 from scenetruth.schema.acquisition import acquisition_problems, is_finite_number
 from scenetruth.schema.input_arrays import exclusion_mask_problems, noise_share_problems
+from scenetruth.schema.outline import DatasetOutline
 from scenetruth.schema.pixel_grid import pixel_grid_problems
 from scenetruth.schema.variables import DEMOSAICING, REQUIRED, REQUIRED_ANY, VARIABLES
+
+if TYPE_CHECKING:
+    import xarray as xr
+else:
+    xr = lazy_module("xarray")
 
 __all__ = ["check_dataset"]
 
@@ -22,7 +28,7 @@ _MAPPINGS_IN_JSON = ("scene", "versions", "settings")
 _TEXTS = ("scene_hash", "recording_hash", "estimate_hash", "method", "render_backend", "truth_poses")
 
 
-def attribute_problems(dataset: xr.Dataset) -> list[Problem]:
+def attribute_problems(dataset: xr.Dataset | DatasetOutline) -> list[Problem]:
     """Return the problems of the optional attributes that are present."""
     attrs = dataset.attrs
     problems = [
@@ -65,9 +71,9 @@ def _json_problems(path: str, text: Any, kind: type[Any]) -> list[Problem]:
     return problems
 
 
-def check_dataset(dataset: xr.Dataset, kind: str) -> None:
+def check_dataset(dataset: xr.Dataset | DatasetOutline, kind: str) -> None:
     """Raise a RecordingError that lists every violation of the data model."""
-    if not isinstance(dataset, xr.Dataset):
+    if not isinstance(dataset, DatasetOutline) and not isinstance(dataset, xr.Dataset):
         raise RecordingError([Problem("", "must be an xarray.Dataset", type(dataset).__name__)], source=kind)
     problems = [*_variable_problems(dataset, kind), *_intrinsics_problems(dataset), *attribute_problems(dataset)]
     if kind == "recording":
@@ -76,7 +82,7 @@ def check_dataset(dataset: xr.Dataset, kind: str) -> None:
         raise RecordingError(problems, source=kind)
 
 
-def _variable_problems(dataset: xr.Dataset, kind: str) -> list[Problem]:
+def _variable_problems(dataset: xr.Dataset | DatasetOutline, kind: str) -> list[Problem]:
     problems = [
         Problem(name, f"is missing; required in a {kind}", sorted(map(str, dataset.data_vars)))
         for name in REQUIRED[kind]
@@ -122,7 +128,7 @@ def _variable_problems(dataset: xr.Dataset, kind: str) -> list[Problem]:
     return problems
 
 
-def _intrinsics_problems(dataset: xr.Dataset) -> list[Problem]:
+def _intrinsics_problems(dataset: xr.Dataset | DatasetOutline) -> list[Problem]:
     problems = []
     for name, positive in (("focal_length_px", True), ("baseline_mm", False), ("frame_interval_s", True)):
         value = dataset.attrs.get(name)
@@ -139,7 +145,7 @@ def _intrinsics_problems(dataset: xr.Dataset) -> list[Problem]:
     return problems
 
 
-def _image_problems(dataset: xr.Dataset) -> list[Problem]:
+def _image_problems(dataset: xr.Dataset | DatasetOutline) -> list[Problem]:
     problems = []
     full_scale = dataset.attrs.get("full_scale")
     if not (is_finite_number(full_scale) and float(full_scale or 0) > 0):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from scenetruth.lazy_exports import lazy_module
 from scenetruth.schema.variables import (
     REASONS,
     STATUS_FALLBACK,
@@ -17,6 +17,11 @@ from scenetruth.schema.variables import (
     STATUS_VALID,
     VARIABLES,
 )
+
+if TYPE_CHECKING:
+    import xarray as xr
+else:
+    xr = lazy_module("xarray")
 
 __all__ = [
     "STATUS_SOURCES",

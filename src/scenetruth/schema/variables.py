@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike
 
 from scenetruth.indexing import centred_indices
 from scenetruth.schema.attributes import Intrinsics
+from scenetruth.schema.outline import DatasetOutline, OutlineVariable
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = [
     "COMPONENTS",
@@ -35,7 +38,7 @@ __all__ = [
     "Variable",
     "describe_variable",
     "label",
-    "with_indexes",
+    "make_outline",
 ]
 
 
@@ -383,7 +386,7 @@ def describe_variable(kind: str, name: str) -> dict[str, Any]:
     return {"units": entry.units, "long_name": entry.long_name, **(entry.attrs or {})}
 
 
-def label(
+def make_outline(
     kind: str,
     arrays: Mapping[str, ArrayLike],
     intrinsics: Intrinsics,
@@ -397,21 +400,21 @@ def label(
     x: ArrayLike | None = None,
     y: ArrayLike | None = None,
     attrs: Mapping[str, Any] | None = None,
-) -> xr.Dataset:
-    """Return a data set with names, coordinates and units from plain arrays.
+) -> DatasetOutline:
+    """Return the outline of a data set with names, coordinates and units from plain arrays.
 
     ``t``, ``s``: Frame and camera indices, 0 at the reference.
     ``planned_time_s``: Planned time of every image, shape ([s_y, ]s, t); default: not stated.
     ``channel``: Names of the channels of colour images; default: not stated.
     ``x``, ``y``: Pixel indices of the columns and rows, to which the intrinsics refer; default: from 0 on.
     """
-    variables: dict[str, xr.Variable] = {}
+    variables: dict[str, OutlineVariable] = {}
     for name, array in arrays.items():
         values = np.asarray(array)
         dims = _list_dims(
             kind, VARIABLES[kind][name], values.ndim, rows=stage_y_mm is not None, bands=channel is not None
         )
-        variables[name] = xr.Variable(dims, values, describe_variable(kind, name), fastpath=True)
+        variables[name] = OutlineVariable(dims, values, describe_variable(kind, name))
     sizes = {dim: size for variable in variables.values() for dim, size in variable.sizes.items()}
     # Coordinates are copied so that they share no memory with the caller's arrays.
     frames = np.array(t, dtype=np.int64)
@@ -439,36 +442,20 @@ def label(
     if "rank" in sizes:
         coordinates["rank"] = ("rank", np.arange(1, sizes["rank"] + 1))
     described = {
-        name: xr.Variable(
-            dim, np.asarray(values), {"units": COORDINATES[name][0], "long_name": COORDINATES[name][1]}, fastpath=True
+        name: OutlineVariable(
+            (dim,) if isinstance(dim, str) else dim,
+            np.asarray(values),
+            {"units": COORDINATES[name][0], "long_name": COORDINATES[name][1]},
         )
         for name, (dim, values) in coordinates.items()
     }
-    dataset = xr.Dataset(variables, coords=with_indexes(described))
-    dataset.attrs = {
-        "scenetruth": kind,
-        "format": FORMAT_VERSION,
-        **intrinsics.to_attrs(),
-        **(attrs or {}),
-    }
-    return dataset
+    own = {"scenetruth": kind, "format": FORMAT_VERSION, **intrinsics.to_attrs()}
+    return DatasetOutline(variables, described, {**own, **(attrs or {})})
 
 
-def with_indexes(variables: Mapping[str, xr.Variable]) -> xr.Coordinates:
-    """Return coordinates with the indexes that xarray creates, which imports Dask for it, if that is installed.
-
-    The import takes half a second of every process; Dask's arrays have no place in coordinates.
-    """
-    import pandas as pd
-    from xarray.indexes import PandasIndex
-
-    found: dict[str, xr.Variable] = dict(variables)
-    indexes = {}
-    for name, variable in variables.items():
-        if variable.dims == (name,):
-            indexes[name] = PandasIndex(pd.Index(variable.values), name, coord_dtype=variable.dtype)
-            found |= indexes[name].create_variables({name: variable})
-    return xr.Coordinates(found, indexes)
+def label(kind: str, arrays: Mapping[str, ArrayLike], intrinsics: Intrinsics, **coordinates: Any) -> xr.Dataset:
+    """Return a data set with names, coordinates and units from plain arrays, with the arguments of `make_outline`."""
+    return make_outline(kind, arrays, intrinsics, **coordinates).dataset()
 
 
 def _list_dims(kind: str, entry: Variable, count: int, *, rows: bool, bands: bool) -> tuple[str, ...]:

@@ -5,15 +5,10 @@ from __future__ import annotations
 from itertools import product
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
-from typing import Any, Literal
-
-import numpy as np
-import xarray as xr
-from numpy.typing import NDArray
-from xarray.backends import BackendArray
-from xarray.core import indexing
+from typing import TYPE_CHECKING, Any, Literal
 
 from scenetruth.errors import RecordingError, StoreError
+from scenetruth.lazy_exports import lazy_module
 from scenetruth.schema import FORMAT_VERSION, check_dataset, with_indexes
 from scenetruth.storage.store_files import (
     CHECKSUM_ATTRIBUTE,
@@ -24,6 +19,11 @@ from scenetruth.storage.store_files import (
     open_store_files,
 )
 from scenetruth.storage.zarr_layout import AUXILIARY, chunk_shape, is_mapped, without_warnings
+
+if TYPE_CHECKING:
+    import xarray as xr
+else:
+    xr = lazy_module("xarray")
 
 __all__ = ["STORE_KINDS", "StoreKind", "load_store", "open_store", "verify_store"]
 
@@ -62,6 +62,7 @@ def load_store(path: str | Path, *, kind: StoreKind | None = None) -> xr.Dataset
     Examples
     --------
     >>> import tempfile
+    >>> import numpy as np
     >>> import scenetruth as st
     >>> recording = st.make_recording(np.zeros((2, 1, 8, 8)), focal_length_px=500, baseline_mm=5)
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -106,6 +107,7 @@ def open_store(path: str | Path, *, kind: StoreKind | None = None) -> xr.Dataset
     Examples
     --------
     >>> import tempfile
+    >>> import numpy as np
     >>> import scenetruth as st
     >>> recording = st.make_recording(np.zeros((2, 1, 8, 8)), focal_length_px=500, baseline_mm=5)
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -178,44 +180,14 @@ def _variable(path: Path, name: str, array: Any) -> xr.Variable:
     dims = array.metadata.dimension_names
     if dims is None:
         raise StoreError(path, f"is damaged: '{name}' has no dimension names; create it again")
+    # Where stores are only written, xarray is not needed.
+    from xarray.core.indexing import LazilyIndexedArray
+
+    from scenetruth.storage.stored_array import StoredArray
+
     stored = StoredArray(path, name, array)
-    values = indexing.LazilyIndexedArray(stored) if is_mapped(dims) else stored.read(())
+    values = LazilyIndexedArray(stored) if is_mapped(dims) else stored.read(())
     return xr.Variable(dims, values, dict(array.attrs), fastpath=True)
-
-
-class StoredArray(BackendArray):
-    """One variable of a store, read on access."""
-
-    def __init__(self, path: Path, name: str, array: Any) -> None:
-        self._path, self._name, self._array = path, name, array
-        self.shape, self.dtype = array.shape, np.dtype(array.dtype)
-
-    def __getitem__(self, key: indexing.ExplicitIndexer) -> NDArray[Any]:
-        """Read the selection of an xarray indexer."""
-        support = indexing.IndexingSupport.OUTER
-        return np.asarray(indexing.explicit_indexing_adapter(key, self.shape, support, self.read))
-
-    def read(self, key: tuple[Any, ...]) -> NDArray[Any]:
-        """Read a selection and verify the checksum of each chunk read."""
-        try:
-            with without_warnings():
-                return np.asarray(self._array.oindex[tuple(map(_plain, key))] if key else self._array[...])
-        except Exception as error:  # zarr and the codecs raise various exceptions for damage
-            message = f"is damaged: '{self._name}' cannot be read ({' '.join(str(error).split())}); create it again"
-            raise StoreError(self._path, message) from error
-
-
-def _plain(index: Any) -> Any:
-    """Return consecutive indices as a slice, because zarr reads index arrays ten times more slowly."""
-    if (
-        isinstance(index, np.ndarray)
-        and index.ndim == 1
-        and index.size
-        and np.all(np.diff(index) == 1)
-        and index[0] >= 0
-    ):
-        return slice(int(index[0]), int(index[-1]) + 1)
-    return index
 
 
 def verify_store(path: str | Path) -> str:

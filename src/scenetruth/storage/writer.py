@@ -9,16 +9,16 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import product
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.compilation import thread_count
 from scenetruth.errors import Problem, RecordingError
 from scenetruth.output import scratch_path, write_atomically
-from scenetruth.schema import FORMAT_VERSION, blank_map, check_dataset
+from scenetruth.schema import FORMAT_VERSION, DatasetOutline, blank_map, check_dataset
+from scenetruth.schema.outline import OutlineVariable
 from scenetruth.storage.reader import STORE_KINDS
 from scenetruth.storage.store_files import CHECKSUM_ATTRIBUTE, claim_store, is_zip_name, pack, write_checksums
 from scenetruth.storage.zarr_layout import (
@@ -32,6 +32,9 @@ from scenetruth.storage.zarr_layout import (
     without_warnings,
 )
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 __all__ = ["StoreWriter", "save_store", "write_store"]
 
 
@@ -43,12 +46,14 @@ class StoreWriter:
     """Incremental writer of a store, used as a context manager; the store is complete on exit.
 
     ``path``: Path of a store that does not exist, as supplied by `write_atomically`.
-    ``like``: Data set with the variables, coordinates and attributes of the store. Variables with pixel dimensions
-      serve as templates and may be blank maps; other variables are written unless replaced by `put`.
+    ``like``: Data set, or its outline, with the variables, coordinates and attributes of the store. Variables with
+      pixel dimensions serve as templates and may be blank maps; other variables are written unless replaced by `put`.
     ``narrow``: Store float64 maps as float32.
     """
 
-    def __init__(self, path: Path, like: xr.Dataset, *, zipped: bool = False, narrow: bool = False) -> None:
+    def __init__(
+        self, path: Path, like: xr.Dataset | DatasetOutline, *, zipped: bool = False, narrow: bool = False
+    ) -> None:
         import zarr
 
         kind = str(like.attrs.get("scenetruth"))
@@ -79,7 +84,9 @@ class StoreWriter:
             for name, variable in like.variables.items():
                 self._create(group, str(name), variable, attributes[str(name)])
 
-    def _create(self, group: Any, name: str, variable: xr.Variable, attributes: dict[str, Any]) -> None:
+    def _create(
+        self, group: Any, name: str, variable: xr.Variable | OutlineVariable, attributes: dict[str, Any]
+    ) -> None:
         mapped = name in self._variables
         shape = variable.shape
         chunks = chunk_shape(variable.dims, shape) if mapped else tuple(max(1, size) for size in shape)

@@ -9,12 +9,15 @@ import warnings
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from scenetruth.errors import Problem, RecordingError
+from scenetruth.schema import DatasetOutline
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = [
     "AUXILIARY",
@@ -32,7 +35,7 @@ AUXILIARY = "coordinates"
 """Attribute that lists the non-dimension coordinates, as in the CF conventions and xarray."""
 
 
-def plain_attributes(dataset: xr.Dataset) -> dict[str, dict[str, Any]]:
+def plain_attributes(dataset: xr.Dataset | DatasetOutline) -> dict[str, dict[str, Any]]:
     """Return the attributes of a data set (key ``""``) and of its variables as JSON values."""
     problems: list[Problem] = []
     found = {"": _plain(dataset.attrs, "attrs", problems)}

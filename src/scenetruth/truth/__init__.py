@@ -15,18 +15,18 @@ from scenetruth.truth.truth_dataset import (
     TruthTasks,
     TruthViews,
     announce_truth,
-    blank_truth,
     count_tasks_at_once,
     fill_truth,
     interior_warnings,
     memory_for,
+    outline_truth,
     refuse_arguments,
     truth_from_world,
 )
 
 __all__ = [
     "Geometries", "GeometryPass", "LightProvider", "PixelPoints", "PointTracker", "SurfacePoints", "TruthMaps",
-    "TruthOptions", "TruthPoses", "TruthTasks", "TruthViews", "announce_truth", "blank_truth", "compile_visibility",
-    "count_tasks_at_once", "fill_truth", "find_visible_points", "interior_warnings", "memory_for",
+    "TruthOptions", "TruthPoses", "TruthTasks", "TruthViews", "announce_truth", "compile_visibility",
+    "count_tasks_at_once", "fill_truth", "find_visible_points", "interior_warnings", "memory_for", "outline_truth",
     "refuse_arguments", "track_points", "truth_by_rows", "truth_from_world", "truth_maps",
 ]  # fmt: skip

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.camera import Camera, Viewpoint
@@ -19,6 +18,9 @@ from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.scene_models import Scene
 from scenetruth.schema import check_dataset
 from scenetruth.truth.geometry_maps import Geometries, GeometryPass, TruthMaps
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["PixelPoints", "PointTracker", "SurfacePoints", "compile_visibility", "find_visible_points", "track_points"]
 

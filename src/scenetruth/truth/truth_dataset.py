@@ -9,10 +9,9 @@ from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from os import PathLike
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from scenetruth.camera import ImageAcquisition, Schedule, Stage
@@ -26,10 +25,13 @@ from scenetruth.raycast import Topology, image_hits, scene_topology
 from scenetruth.scene.built_scene import BuiltScene
 from scenetruth.scene.mesh.mesh_file import FileMesh
 from scenetruth.scene.scene_models import Scene
-from scenetruth.schema import COMPONENTS, VARIABLES, IncrementalDataset, Put, blank_map, label
+from scenetruth.schema import COMPONENTS, VARIABLES, DatasetOutline, IncrementalDataset, Put, blank_map, make_outline
 from scenetruth.threads import in_order, with_one_blas_thread
 from scenetruth.truth.geometry_maps import Geometries, LightProvider, TruthMaps, truth_by_rows, truth_maps
 from scenetruth.truth.point_tracking import PixelPoints, PointTracker
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = [
     "TruthOptions",
@@ -37,11 +39,11 @@ __all__ = [
     "TruthTasks",
     "TruthViews",
     "announce_truth",
-    "blank_truth",
     "count_tasks_at_once",
     "fill_truth",
     "interior_warnings",
     "memory_for",
+    "outline_truth",
     "refuse_arguments",
     "truth_from_world",
 ]
@@ -169,7 +171,7 @@ def truth_from_world(
 
     ``light``: Light of the scene, for maps of light.
     """
-    filling = IncrementalDataset(blank_truth(scene, choice, provenance))
+    filling = IncrementalDataset(outline_truth(scene, choice, provenance).dataset())
     fill_truth(scene, world, choice, filling.put, progress, light)
     return filling.dataset()
 
@@ -183,8 +185,8 @@ class TruthOptions:
     content: TruthMaps = "standard"
 
 
-def blank_truth(scene: Scene, choice: TruthOptions, provenance: dict[str, Any]) -> xr.Dataset:
-    """Return the ground truth of a scene with blank maps, but complete poses, times, coordinates and attributes."""
+def outline_truth(scene: Scene, choice: TruthOptions, provenance: dict[str, Any]) -> DatasetOutline:
+    """Return the outline of the ground truth of a scene: blank maps, but complete poses, times and attributes."""
     stage, frames, camera = scene.stage, scene.frames, scene.camera
     images = (*((stage.rows,) if stage.rows > 1 else ()), stage.positions, frames.count)
     size, all_views = (camera.height, camera.width), choice.views == "all"
@@ -202,7 +204,7 @@ def blank_truth(scene: Scene, choice: TruthOptions, provenance: dict[str, Any]) 
         arrays[name] = blank_map(DTYPES.get(name, np.float64), shape)
     arrays |= _poses(scene, build_schedule(scene))
     objects = json.dumps([item.name for _, item in scene.parts])
-    return label(
+    return make_outline(
         "truth",
         {name: arrays[name] for name in VARIABLES["truth"] if name in arrays},
         intrinsics_from(scene),

@@ -13,7 +13,7 @@ import xarray as xr
 import scenetruth as st
 from scenetruth.estimators import find_method, opencv_common, prepare
 from scenetruth.pipeline.runner import write_estimate
-from scenetruth.storage import reader
+from scenetruth.storage import stored_array
 from tests.helpers.analytic_plane import Plane
 
 pytest.importorskip("cv2")
@@ -177,7 +177,7 @@ def test_images_are_read_one_by_one_and_few_are_held(
     lazy = st.open_store(tmp_path / "recording.zarr")
     held: set[int] = set()
     most, sizes = [0], list[int]()
-    plain = reader.StoredArray.read
+    plain = stored_array.StoredArray.read
 
     def counting(self: Any, key: tuple[Any, ...]) -> Any:
         found = plain(self, key)
@@ -189,7 +189,7 @@ def test_images_are_read_one_by_one_and_few_are_held(
             most[0] = max(most[0], len(held))
         return found
 
-    monkeypatch.setattr(reader.StoredArray, "read", counting)
+    monkeypatch.setattr(stored_array.StoredArray, "read", counting)
     write_estimate(prepare(lazy, name), tmp_path / "estimate.zarr")
     assert set(sizes) == {deep.sizes["y"] * deep.sizes["x"]}
     # Every image that is looked at is read once, and all of them once before where their range must be known.

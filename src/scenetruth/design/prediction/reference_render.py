@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scenetruth.bound.image_gradients import GreyNoise
 from scenetruth.design.prediction.camera_response import compute_grey_levels
-from scenetruth.provenance import blank_recording, build_schedule, intrinsics_from
+from scenetruth.provenance import build_schedule, intrinsics_from, outline_recording
 from scenetruth.raycast import scene_topology
 from scenetruth.render import choose_renderer
 from scenetruth.resources import build_checked_scene
@@ -83,7 +83,7 @@ def render_reference(scene: Scene, *, complete: bool = False) -> ReferenceRender
         stage_x_mm=stage.x_mm,
         stage_y_mm=stage.y_mm if stage.rows > 1 else None,
     )
-    recording = blank_recording(scene, {"full_scale": 1.0}, save_radiance=True)
+    recording = outline_recording(scene, {"full_scale": 1.0}, save_radiance=True).dataset()
     dims = recording["image"].dims
     same = np.broadcast_to(level.astype(np.float32), recording["image"].shape)
     recording = recording.assign(image=(dims, same), radiance=(dims, same))

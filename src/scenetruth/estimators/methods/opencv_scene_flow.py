@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
-
-import xarray as xr
+from typing import TYPE_CHECKING, Any
 
 from scenetruth.errors import Problem
 from scenetruth.estimators import opencv_common
 from scenetruth.estimators.protocol import Needs, StreamingMethod
 from scenetruth.progress import Progress
 from scenetruth.schema import Put, assemble_estimate, blank_estimate, compute_depth_rate, put_estimate
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = ["METHOD"]
 

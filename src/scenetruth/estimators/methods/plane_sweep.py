@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
-
-import xarray as xr
+from typing import TYPE_CHECKING, Any
 
 from scenetruth.estimators.method_settings import PlaneSweepSettings
 from scenetruth.estimators.protocol import Needs, StreamingMethod
 from scenetruth.progress import Progress
 from scenetruth.schema import Put, assemble_estimate, blank_estimate, put_estimate
 from scenetruth.schema.validity import complete_validity
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = []
 

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from scenetruth.errors import Problem
 from scenetruth.estimators.method_settings import LEAST_ACCELERATED, RefinedSettings
 from scenetruth.estimators.protocol import Needs, StreamingMethod
 from scenetruth.progress import Progress
 from scenetruth.schema import Put
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 __all__ = []
 
