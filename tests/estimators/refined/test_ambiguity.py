@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import scenetruth as st
 from scenetruth.estimators.refined import ImageStack, find_ambiguous, find_aperture, find_chance_fits, image_motion
+from tests.helpers.nightly import by_night
 from tests.helpers.shifted_stack import FLOW, Array, shifted_parameters, shifted_stack
 
 SIGMA, SMALL, NOISE = 4.0, 2.5, 0.01
@@ -167,3 +170,35 @@ def test_the_image_motion_is_that_of_the_points() -> None:
     step = 1e-4
     moved = ((x + FLOW[0] * step) / (1.0 + step * d * q_z / images.focal) - x) / step
     assert found[0, 5, 10] == pytest.approx(moved, abs=1e-5)
+
+
+@pytest.mark.parametrize("whole_waves", [1, *by_night(2)])
+def test_a_periodic_texture_has_the_same_images_at_several_depths(whole_waves: int) -> None:
+    """A plaid at 100 mm, and a finer one so near that each step of the stage displaces it by further whole waves.
+
+    Rays and waves are those of float64: 1e-6 of full scale are left.
+    """
+    focal_px, baseline_mm, wave_px = 500.0, 1.0, 16.0
+    images, depths = [], []
+    for disparity_px in (5.0, 5.0 + whole_waves * wave_px):
+        depth_mm = focal_px * baseline_mm / disparity_px
+        wavelength_mm = wave_px * depth_mm / focal_px
+        plaid = {
+            "name": "plaid",
+            "mesh": {"kind": "plane", "size_mm": [4000, 4000]},
+            "pose": {"position_mm": [0, 0, depth_mm]},
+            "texture": {"kind": "plaid", "wavelength_mm": [wavelength_mm, wavelength_mm]},
+        }
+        scene: dict[str, Any] = {
+            "camera": {"width": 40, "height": 30, "focal_length_px": focal_px},
+            "stage": {"positions": 5, "baseline_mm": baseline_mm},
+            "frames": {"count": 1},
+            "objects": [plaid],
+            "render": {"supersampling": 1},
+        }
+        found = st.simulate(scene)
+        images.append(found.recording["image"].values)
+        depths.append(float(found.truth["depth"].max()))
+    assert depths[0] > 4 * depths[1]
+    np.testing.assert_allclose(images[1], images[0], atol=1e-6)
+    assert images[0].std() > 0.1
