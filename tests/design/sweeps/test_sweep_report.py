@@ -68,7 +68,7 @@ def test_the_first_sentence_counts_points_with_overlapping_intervals(tmp_path: P
         page = write_sweep_report(found, tmp_path / folder).read_text(encoding="utf-8")
         return " ".join(re.findall(r"The intervals? of .*?:", re.sub(r"<[^>]*>", "", page)))
 
-    assert counted(1.1, "one") == "The interval of 1 of the other 2 points overlaps with it:"
+    assert counted(1.1, "one") == "The intervals of 1 of the other 2 points overlap with it:"
     assert counted(1.3, "none") == ""
 
 

@@ -292,10 +292,10 @@ def _count_similar(found: Sweep, region: str) -> str:
             count = sum(row.ci_low <= best.ci_high for row in others)
             if not count:
                 return ""
-            points = "interval of 1" if count == 1 else f"intervals of {count}"
-            every = "the other point" if len(rows) == 2 else f"the other {len(rows) - 1} points"
-            verb = "overlaps" if count == 1 else "overlap"
-            return f" The {points} of {every} {verb} with it: more seeds are needed to distinguish them."
+            which = f"{count} of the other {len(rows) - 1} points" if count < len(rows) - 1 else "all other points"
+            points, verb = ("interval", "overlaps") if count == 1 == len(rows) - 1 else ("intervals", "overlap")
+            which = "the other point" if verb == "overlaps" else which
+            return f" The {points} of {which} {verb} with it: more seeds are needed to distinguish them."
     return ""
 
 
