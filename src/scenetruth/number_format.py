@@ -17,6 +17,7 @@ __all__ = [
     "format_number",
     "format_percent",
     "format_percent_value",
+    "format_share",
     "format_signed_percent",
     "format_two_digits",
     "format_value",
@@ -194,6 +195,15 @@ def format_percent(share: float) -> str:
     if not math.isfinite(share):
         return format_number(share)
     return f"{format_length(100 * share, 2)}\N{NO-BREAK SPACE}%"
+
+
+def format_share(fraction: float) -> str:
+    """Format a fraction of a reference: as a percentage, from twice on as a factor.
+
+    >>> format_share(0.015), format_share(0.586), format_share(18.63), format_share(2.0)
+    ('1.50 %', '58.6 %', '19 times', '2 times')
+    """
+    return f"{format_percent_value(fraction)} %" if fraction < 2 else f"{format_two_digits(fraction)} times"
 
 
 def format_signed_percent(share: float) -> str:
