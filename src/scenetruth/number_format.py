@@ -17,6 +17,7 @@ __all__ = [
     "format_number",
     "format_percent",
     "format_percent_value",
+    "format_share",
     "format_signed_percent",
     "format_two_digits",
     "format_value",
@@ -145,13 +146,23 @@ def _power_of(value: float) -> int:
 def format_interval(low: float, high: float) -> str:
     """Return the text of an interval, to the second significant digit of its half width; empty if undefined.
 
+    If a power of ten is written for one end, both have the same.
+
     >>> format_interval(0.19, 0.254), format_interval(math.nan, 1.0), format_interval(0.98, 5.1234)
     ('0.190 to 0.254', '', '1.0 to 5.1')
+    >>> format_interval(2.5e-5, 1.04e-4), format_interval(2e-5, 9.1e-5)
+    ('0.25 to 1.04 × 10⁻⁴', '2.0 to 9.1 × 10⁻⁵')
     """
     if not (math.isfinite(low) and math.isfinite(high)):
         return ""
     half = 0.5 * abs(high - low)
-    return f"{format_measured(low, half)} to {format_measured(high, half)}"
+    ends = [format_measured(low, half), format_measured(high, half)]
+    if any("×" in end for end in ends):
+        power = math.floor(math.log10(max(abs(low), abs(high))))
+        digits = max(0, power + 1 - _power_of(half)) if half > 0 else 1
+        ends = [f"{end / 10.0**power:.{digits}f}".replace("-", _MINUS) for end in (low, high)]
+        return f"{' to '.join(ends)} × 10{str(power).translate(_SUPERSCRIPTS)}"
+    return " to ".join(ends)
 
 
 def format_estimate(value: float, half: float, samples: int) -> str:
@@ -184,6 +195,15 @@ def format_percent(share: float) -> str:
     if not math.isfinite(share):
         return format_number(share)
     return f"{format_length(100 * share, 2)}\N{NO-BREAK SPACE}%"
+
+
+def format_share(fraction: float) -> str:
+    """Format a fraction of a reference: as a percentage, from twice on as a factor.
+
+    >>> format_share(0.015), format_share(0.586), format_share(18.63), format_share(2.0)
+    ('1.50 %', '58.6 %', '19 times', '2 times')
+    """
+    return f"{format_percent_value(fraction)} %" if fraction < 2 else f"{format_two_digits(fraction)} times"
 
 
 def format_signed_percent(share: float) -> str:

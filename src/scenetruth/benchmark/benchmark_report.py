@@ -88,7 +88,7 @@ def _drawn(maps: CaseErrorMaps, label: str) -> str:
 def describe_colour_scale() -> Sequence[str]:
     """Return the meanings of the colours."""
     return (
-        f"blue is {-_SCALE_PX:g} px and less",
+        f"blue is −{_SCALE_PX:g} px and less",
         "white is zero",
         f"red is {_SCALE_PX:g} px and more",
         "hatched is invalid",
@@ -205,5 +205,5 @@ def _efficiency_short(found: BenchmarkResult) -> dict[str, Any]:
     table = frame.pivot_table(
         index="quantity", columns="method", values="efficiency_percent", aggfunc="median", sort=False
     )
-    lines = [[str(name), *(format_number(float(one)) for one in cells)] for name, cells in table.iterrows()]
+    lines = [[get_title(str(name)), *(format_number(float(one)) for one in cells)] for name, cells in table.iterrows()]
     return {"columns": [str(one) for one in table.columns], "lines": lines}

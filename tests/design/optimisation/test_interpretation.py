@@ -111,3 +111,5 @@ def test_assumptions_name_what_was_taken_for_granted(facts: RigContext) -> None:
         assert expected in told
     listed = list_assumptions(DesignSpec.from_dict(given), facts, (), (0.0, 0.0), (), confirmed=True)
     assert "none of these searches has ended at a better predicted rig" in listed[0]
+    # They are part of the predictions of a search.
+    assert "stage errors are not included" not in listed

@@ -66,10 +66,20 @@ def test_the_first_sentence_counts_points_with_overlapping_intervals(tmp_path: P
         points = rows([{BASELINE: b} for b in (1, 2, 20)])
         found = Sweep([BASELINE], ["cube"], ["mine"], [replace(r, ci_low=low) if r.value == 2 else r for r in points])
         page = write_sweep_report(found, tmp_path / folder).read_text(encoding="utf-8")
-        return " ".join(re.findall(r"The interval of .*? this one", re.sub(r"<[^>]*>", "", page)))
+        return " ".join(re.findall(r"The intervals? of .*?:", re.sub(r"<[^>]*>", "", page)))
 
-    assert counted(1.1, "one") == "The interval of 1 other point overlaps with this one"
+    assert counted(1.1, "one") == "The intervals of 1 of the other 2 points overlap with it:"
     assert counted(1.3, "none") == ""
+
+
+@pytest.mark.parametrize("values", [(0.103, 0.106), (1.0, 1.004), (1e-3, 0.2)])
+def test_ticks_of_colour_bars_differ(values: tuple[float, float]) -> None:
+    points = rows([{BASELINE: b, NOISE: n} for b in (1, 2) for n in (0.1, 0.2)])
+    levels = {0.1: values[0], 0.2: values[1]}
+    of_levels = [replace(row, value=levels[row.values[NOISE]]) for row in points]
+    heat, *_ = build_panels(Sweep([BASELINE, NOISE], ["cube"], ["mine"], of_levels), "depth")
+    ticks = build_chart(heat)["data"][0]["colorbar"]["ticktext"]
+    assert len(set(ticks)) == len(ticks) == 5
 
 
 def test_points_that_fill_ranges_make_a_field_and_more_factors_make_points() -> None:

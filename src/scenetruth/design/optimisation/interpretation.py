@@ -29,6 +29,7 @@ from scenetruth.design.optimisation.rig_evaluation import (
     rank_evaluations,
 )
 from scenetruth.design.optimisation.specification import DesignSpec
+from scenetruth.design.prediction.analytic_prediction import NO_STAGE_ERRORS
 from scenetruth.errors import Problem
 from scenetruth.scene import Scene
 
@@ -261,7 +262,8 @@ def _lines(
         "method, from geometry and texture spectrum), with closed-form contributions of stage errors and scan time; "
         "method bias, curved surfaces and edges are included in the simulations only"
     )
-    yield from facts.prediction.notes
+    # Stage errors are added to the prediction, as the line above says.
+    yield from (note for note in facts.prediction.notes if note != NO_STAGE_ERRORS)
     if facts.lens is not None:
         yield (
             "the lens is a calibrated thin lens, focused on the first objective's region; its aberrations and "

@@ -27,7 +27,7 @@ from scenetruth.errors import Problem, SceneError
 from scenetruth.resources import ObjectWorkload
 from scenetruth.scene import Scene
 
-__all__ = ["AS_MATT", "NO_SHADOWS", "PointErrors", "predict_analytic", "predict_with_highlights"]
+__all__ = ["AS_MATT", "NO_SHADOWS", "NO_STAGE_ERRORS", "PointErrors", "predict_analytic", "predict_with_highlights"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -35,6 +35,7 @@ Mask = NDArray[np.bool_]
 _MOST_NAMES = 3
 NO_SHADOWS, AS_MATT = "shadows are not included", "surfaces with a material are predicted as matt"
 """Notes on light that only images include."""
+NO_STAGE_ERRORS = "stage errors are not included"
 _S_PER_H = 3600.0
 _LARGE_BIAS = 0.3  # relative to the standard deviation: a smaller bias hardly changes the RMSE
 # Quintic splines attenuate a wave of 3 px by 1.5 % and add an equally strong alias. Errors on a cube with 45 % of its
@@ -269,7 +270,7 @@ def _notes(
         f"leaf veins are not included, so the precision is better than predicted: {_listed(veined)}": bool(veined)
         and not painting,
         "lens distortion is not included": scene.camera.distortion is not None,
-        "stage errors are not included": bool(scene.stage.stated_tolerances()) or scene.stage.errors is not None,
+        NO_STAGE_ERRORS: bool(scene.stage.stated_tolerances()) or scene.stage.errors is not None,
         NO_SHADOWS: lighting.lit and lighting.shadows and bool(lighting.lights),
         f"{AS_MATT}: {_listed(coated)}": lighting.lit and bool(coated),
         "lamps with a size are predicted as small lamps at their centres": lighting.has_areas and not painting,

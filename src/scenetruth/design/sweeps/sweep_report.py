@@ -143,7 +143,17 @@ def _bar(panel: SweepPanel, drawn: SweepMap) -> dict[str, Any]:
         return {"thickness": 12}
     low, high = (math.log10(each(cell[2] for cell in drawn.cells)) for each in (min, max))
     ticks = [low + (high - low) * n / 4 for n in range(5)] if high > low else [low]
-    return {"thickness": 12, "tickvals": ticks, "ticktext": [format_short(10**tick, 2) for tick in ticks]}
+    return {"thickness": 12, "tickvals": ticks, "ticktext": _distinct([10**tick for tick in ticks])}
+
+
+def _distinct(values: list[float]) -> list[str]:
+    """Return numbers with as many digits, from two on, as distinguish them."""
+    texts: list[str] = []
+    for digits in range(2, 7):
+        texts = [format_short(value, digits) for value in values]
+        if len(set(texts)) == len(texts):
+            break
+    return texts
 
 
 def _short(cell: tuple[Any, ...]) -> str:
@@ -199,7 +209,7 @@ def write_sweep_report(found: Sweep, folder: str | Path, again: str = "") -> Pat
         region=region,
         best=_find_best(found, region),
         result=_state_result(found, region),
-        best_columns=["quantity", "rmse", "95 %", "unit", "at", *(["method"] if len(found.methods) > 1 else [])],
+        best_columns=["quantity", "RMSE", "95 %", "unit", "at", *(["method"] if len(found.methods) > 1 else [])],
         columns=[*found.factors, *_COLUMNS],
         lines=lines[:_MOST_LINES],
         left_out=max(0, len(lines) - _MOST_LINES),
@@ -249,8 +259,13 @@ def _find_best(found: Sweep, region: str) -> list[list[str]]:
         where = ", ".join(f"{path} = {format_level(value)}" for path, value in row.values.items())
         scene = f"{row.scene}: " if len(found.scenes) > 1 else ""
         method = [row.method] if len(found.methods) > 1 else []
-        lines.append([get_title(quantity), _number(row), _interval(row), row.unit, scene + where, *method])
+        lines.append([get_title(quantity), _number(row), _interval(row), _unit(row.unit), scene + where, *method])
     return lines
+
+
+def _unit(unit: str) -> str:
+    """Return a unit; a dash for a ratio."""
+    return UNDEFINED if unit in ("", "1") else unit
 
 
 def _state_result(found: Sweep, region: str) -> str:
@@ -259,10 +274,11 @@ def _state_result(found: Sweep, region: str) -> str:
     if not lines:
         return "No point of the sweep has a valid error."
     title, number, interval, unit, where, *method = lines[0]
+    unit = "" if unit == UNDEFINED else f" {unit}"
     bars = f" (95 %: {interval})" if interval not in ("", UNDEFINED) else ""
     by = f", with {method[0]}" if method else ""
     name = f"{title[0].lower()}{title[1:]}"
-    text = f"The smallest RMSE of {name} in the region {region} is {number} {unit}{bars}, at {where}{by}."
+    text = f"The smallest RMSE of {name} in the region {region} is {number}{unit}{bars}, at {where}{by}."
     return text + _count_similar(found, region)
 
 
@@ -274,8 +290,12 @@ def _count_similar(found: Sweep, region: str) -> str:
             best = min(rows, key=lambda row: row.value)
             others = [row for row in rows if row is not best and math.isfinite(row.ci_low)]
             count = sum(row.ci_low <= best.ci_high for row in others)
-            points = "1 other point overlaps" if count == 1 else f"{count} of the other {len(rows) - 1} points overlap"
-            return f" The interval of {points} with this one; more seeds distinguish them." if count else ""
+            if not count:
+                return ""
+            which = f"{count} of the other {len(rows) - 1} points" if count < len(rows) - 1 else "all other points"
+            points, verb = ("interval", "overlaps") if count == 1 == len(rows) - 1 else ("intervals", "overlap")
+            which = "the other point" if verb == "overlaps" else which
+            return f" The {points} of {which} {verb} with it: more seeds are needed to distinguish them."
     return ""
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.number_format import UNDEFINED, format_measured, format_number, format_percent_value
+from scenetruth.number_format import UNDEFINED, format_measured, format_number, format_percent_value, format_share
 from scenetruth.schema import read_intrinsics
 from scenetruth.scoring.alignment import check_estimate, count_blocks, iterate_blocks
 from scenetruth.scoring.common_statistics import COMMON_STATISTICS
@@ -106,7 +106,7 @@ def _headline(score: Score, title: str, quantity: str, statistic: str) -> dict[s
         "value": spelled["interior"],
         "units": "%" if percent else get_units(quantity),
         "whole": spelled["all"],
-        "relative": "" if percent or relative is None else f"{format_percent_value(relative)} % of the true RMS",
+        "relative": "" if percent or relative is None else _share_of(relative, "the true RMS"),
     }
 
 
@@ -429,7 +429,12 @@ def _signal(values: Values, name: str) -> str:
     truth, relative = _true_rms(values), values.get("relative_rmse")
     if truth is None or relative is None:
         return ""
-    return f"{format_percent_value(relative)} % of the true value of {format_number(truth)} {get_units(name)} (RMS)"
+    return _share_of(relative, f"the true value of {format_number(truth)} {get_units(name)} (RMS)")
+
+
+def _share_of(fraction: float, reference: str) -> str:
+    """Return an error relative to a reference: as a percentage, or as a factor."""
+    return f"{format_share(fraction)} {'of ' if fraction < 2 else ''}{reference}"
 
 
 def _true_rms(values: Values) -> float | None:
