@@ -43,6 +43,24 @@ def test_rays_in_pixels_are_cast_as_any_others(seed: int, cells: int, tilt: floa
     np.testing.assert_array_equal(found.weights, expected.weights)
 
 
+@pytest.mark.parametrize("per_pixel", [8, 64])
+def test_pixels_with_hundreds_of_faces(per_pixel: int) -> None:
+    """With few rays, the faces of such pixels are not sorted by depth."""
+    generator, mesh = np.random.default_rng(7), relief(7, 60)
+    vertices = Rotation.from_rotvec([0.9, 0.4, 0.1]).apply(mesh.vertices_mm) + [0, 0, 500]
+    x, y = np.meshgrid(np.arange(7) - 3.0, np.arange(5) - 2.0)
+    grid = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 60.0)])
+    caster = RayCaster(vertices, Topology.of(vertices, mesh.faces))
+    hits = caster.cast(np.zeros(3), grid, grid_width=7)
+    assert len(mesh.faces) > 256 * np.count_nonzero(hits.face >= 0)
+    pixels = np.repeat(np.arange(35), per_pixel)
+    directions = grid[pixels] + np.column_stack([generator.uniform(-0.5, 0.5, (len(pixels), 2)), np.zeros(len(pixels))])
+    found, expected = caster.cast_in_pixels(np.zeros(3), directions, pixels), caster.cast(np.zeros(3), directions)
+    np.testing.assert_array_equal(found.face, expected.face)
+    np.testing.assert_array_equal(found.depth, expected.depth)
+    np.testing.assert_array_equal(found.weights, expected.weights)
+
+
 def test_without_a_grid_rays_are_cast_one_by_one() -> None:
     points, triangles = boxes(np.random.default_rng(1), 3, 300.0)
     caster, directions = RayCaster(points, Topology.of(points, triangles)), np.array([[0.0, 0.0, 1.0], [0.1, 0.0, 1.0]])

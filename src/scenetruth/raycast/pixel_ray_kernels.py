@@ -36,7 +36,11 @@ __all__ = ["RayGrid", "pixel_hits", "sample_directions"]
 _MARGIN = 1e-5  # deviation of rays from their pixel, in steps of the grid
 _NEARER = 1e-9  # relative margin of depths for rounding
 _MANY_RAYS = 4  # minimum number of rays in a pixel for which its faces are sorted by depth
-_SORTED = 256  # maximum number of faces in a pixel that are sorted by depth
+_SORTED, _MOST_SORTED = (
+    256,
+    1024,
+)  # maximum number of faces in a pixel that are sorted by depth, for few and for many rays
+_CROWD = 64  # minimum number of rays in a pixel for which more faces are sorted
 _LEAST_CAST = 2048  # minimum number of rays per thread
 _BLOCK = 4  # pixels along a side of the blocks in which pixels with rays are marked
 _FACES_PER_PIXEL = 12  # space for the faces of a pixel, enlarged if necessary
@@ -238,13 +242,13 @@ def _pixel_hits(
         number = place[entry]
         ends[number + 1] -= 1
         own[ends[number + 1]] = listed[entry]
-    order = np.empty(_SORTED, dtype=np.int32)
+    order = np.empty(_MOST_SORTED, dtype=np.int32)
     # Ranges of the sorted faces: most rays in a pixel with small faces are outside most of them.
-    ranges, nears = np.empty((_SORTED, RANGES), dtype=np.float64), np.empty(_SORTED, dtype=np.float64)
+    ranges, nears = np.empty((_MOST_SORTED, RANGES), dtype=np.float64), np.empty(_MOST_SORTED, dtype=np.float64)
     for number in range(count):
         n, after = firsts[number], firsts[number + 1]
         first, last = ends[number + 1], ends[number + 2] if number + 1 < count else used
-        few = last - first <= _SORTED and after - n >= _MANY_RAYS
+        few = last - first <= (_MOST_SORTED if after - n >= _CROWD else _SORTED) and after - n >= _MANY_RAYS
         if few:
             for k in range(last - first):
                 face = own[first + k]
