@@ -46,8 +46,15 @@ def spectrum(responses: NDArray[np.float64]) -> NDArray[np.float64]:
 def test_noise_of_pixels_and_residuals_is_that_of_impulses(method: Any) -> None:
     power, noise = spectrum(impulses(method)), DEMOSAICED_NOISE[method]
     assert noise.of_pixels == pytest.approx(power[0, 0] / power.mean(), abs=5e-4)
-    along = np.fft.ifft(power.mean(axis=0)).real[: len(noise.along_row)] / power[0, 0]
-    np.testing.assert_allclose(noise.along_row, along, atol=6e-6)
+    spectra = np.fft.fft2(impulses(method), axes=(1, 2))
+    for one, other in np.ndindex(3, 3):
+        both = (spectra[..., one].conj() * spectra[..., other]).sum(axis=0) / 4
+        expected, given_there = np.fft.ifft2(both).real / power[0, 0], noise.covariances[one][other]
+        count = len(given_there)
+        np.testing.assert_allclose(np.array(given_there).reshape(count, count), expected[:count, :count], atol=6e-6)
+        # Beyond, pixels are independent.
+        expected[np.ix_(*[np.arange(1 - count, count)] * 2)] = 0.0
+        np.testing.assert_allclose(expected, 0.0, atol=6e-6)
     _, smoothing = PAPER.transfer(np.asarray(2 * np.pi * np.fft.fftfreq(SIZE), dtype=np.float64))
     passed = np.multiply.outer(np.abs(smoothing) ** 2, np.abs(smoothing) ** 2)
     assert noise.of_residuals == pytest.approx(power[0, 0] / (power * passed).sum() * passed.sum(), abs=2e-3)
@@ -105,8 +112,14 @@ def test_weights_are_equal_where_noise_is_not_known(power: list[float]) -> None:
 def test_recording_states_its_demosaicing() -> None:
     images = np.zeros((2, 3, 30, 40, 3))
     assert read_demosaicing(st.make_recording(images, 500, 5)) is None
-    stated = st.make_recording(images, 500, 5, attrs={"demosaicing": "bilinear"})
-    assert read_demosaicing(stated) == DEMOSAICED_NOISE["bilinear"]
+    stated = st.make_recording(images, 500, 5, attrs={"demosaicing": "malvar"})
+    colours = stated.assign_coords(channel=["red", "green", "blue"])
+    assert read_demosaicing(colours) == DEMOSAICED_NOISE["malvar"]
+    # Of channels without names, the mean of the colours counts.
+    noise, known = read_demosaicing(stated), DEMOSAICED_NOISE["malvar"].covariances
+    assert noise is not None
+    assert noise.covariances[0][0][0][0] == pytest.approx((2 * known[0][0][0][0] + known[1][1][0][0]) / 3)
+    assert noise.covariances[0][1][0][0] == pytest.approx((2 * known[0][1][0][0] + known[0][2][0][0]) / 3)
     with pytest.raises(
         st.RecordingError, match=r"attrs.demosaicing: must be bilinear or malvar or binomial; .* \(got 'median'\)"
     ):

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         compute_phase_error_px,
         enlarge_variances,
         interpolation_error,
+        measure_noise_coupling,
     )
     from scenetruth.estimators.refined.ambiguity import find_ambiguous, find_chance_fits, image_motion
     from scenetruth.estimators.refined.aperture import compute_normal_flow, find_aperture
@@ -187,6 +188,7 @@ __all__ = [
     "margin_px",
     "match_views",
     "maximise_likelihood",
+    "measure_noise_coupling",
     "near_bare_surfaces",
     "nearest_node",
     "of_nearest_node",
@@ -219,7 +221,8 @@ __getattr__, __dir__ = export_lazily(
     {
         "acquisition": "derive_priors read_schedule remove_delay_bias",
         "alias_residuals": "find_aliases project_aliases separate",
-        "aliasing": "combine_displacements compute_phase_error_px enlarge_variances interpolation_error",
+        "aliasing": "combine_displacements compute_phase_error_px enlarge_variances interpolation_error "
+        "measure_noise_coupling",
         "ambiguity": "find_ambiguous find_chance_fits image_motion",
         "aperture": "compute_normal_flow find_aperture",
         "bare_surfaces": "find_bare_areas fit_bare_surfaces",

@@ -11,14 +11,16 @@ a fit.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.method_settings import RefinedSettings
-from scenetruth.estimators.refined.aliasing import combine_displacements
+from scenetruth.estimators.refined.aliasing import combine_displacements, measure_noise_coupling
 from scenetruth.estimators.refined.fit_maps import extract_fields
+from scenetruth.estimators.refined.image_consistency import replace_reference
 from scenetruth.estimators.refined.image_stack import ImageStack, without_aliases
 from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState
@@ -26,7 +28,7 @@ from scenetruth.estimators.refined.kernels.smoothing import gaussian_mean
 from scenetruth.estimators.refined.kernels.warp import STEADY
 from scenetruth.estimators.refined.row_bands import FIT_LIMITS, NO_OCCLUSION, even_images, window_weights
 
-__all__ = ["Aliases", "find_aliases", "measure_alias_residual", "project_aliases", "separate"]
+__all__ = ["Aliases", "find_aliases", "measure_alias_residual", "project_aliases", "separate", "with_measured_noise"]
 
 _CARRIERS = ((1, 0), (0, 1), (1, 1))
 # Smallest number of images: six amplitudes and the mean leave three degrees of freedom.
@@ -118,6 +120,19 @@ def separate(sums: Map) -> Map:
             for square, by_noise, found in (sums[4:7], sums[7:])
         ]
     return np.where(sums[3] > _LEAST_FREEDOM, np.maximum(np.nan_to_num([excess, *along]), 0.0), 0.0)
+
+
+def with_measured_noise(refined: RefinedState, settings: RefinedSettings) -> RefinedState:
+    """Return a fit to demosaiced images with the residuals by aliases, and the effect of its correlated noise."""
+    images = refined.images
+    if images.demosaiced is None:
+        return refined
+    found = replace(refined, alias_residual=measure_alias_residual(refined, settings))
+    noise = images.residual_noise(found.noise_residual) / images.transfer
+    if not np.isfinite(noise):
+        return found
+    shown = replace_reference(images, extract_fields(found.fit.theta))
+    return replace(found, coupling=measure_noise_coupling(shown, settings.window_sigma_px, noise))
 
 
 def measure_alias_residual(refined: RefinedState, settings: RefinedSettings) -> Map | None:

@@ -16,11 +16,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.estimators.channel_noise import Covariances
 from scenetruth.estimators.refined.fit_maps import STEADY_PLACES
 from scenetruth.estimators.refined.image_stack import ImageStack, without_aliases
 from scenetruth.estimators.refined.kernels.warp import ImageView
@@ -28,13 +30,16 @@ from scenetruth.estimators.refined.kernels.window_solver import Fit
 from scenetruth.estimators.refined.noise_estimation import spline_transfer
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART
 
-__all__ = ["compute_phase_error_px", "enlarge_variances", "interpolation_error"]
+__all__ = ["compute_phase_error_px", "enlarge_variances", "interpolation_error", "measure_noise_coupling"]
 
 _TAPS = 16  # half-width of the filters
 _TEXTURE, _ALIAS = 0.15, 0.35  # frequencies up to which waves of demosaiced images are texture, and from which aliases
 # Aliases: largest amplitude of the displacement in px, of those as strong as the texture; smallest share of the squared
 # gradient that is due to the texture; wave number of long aliases in rad per px.
 _MOST_PX, _LEAST_OF_TEXTURE, _LONG = 1.5, 0.3, 0.9
+# Standard deviation in px of the smoothing of gradients; smallest and largest ratio of variances; smallest share of the
+# squared gradient along an axis with texture.
+_SLOPE_PX, _LEAST_COUPLING, _MOST_COUPLING, _LEAST_TEXTURE = 0.5, 0.05, 3.0, 0.02
 _BLOCKS = 2.0  # blocks per standard deviation of a window
 _ABOVE = 3.0  # smallest ratio of the power of fine waves to the standard error of that of noise
 # Indices of the element's variances: slopes and curvatures follow disparity; rotation and growth follow motion.
@@ -101,18 +106,17 @@ def _measure_fine_waves(images: ImageStack, sigma_px: float, noise: float, *, al
     block = max(1, round(sigma_px / _BLOCKS))
     frame, camera = images.reference()
     first, second, share = _filters(images.spline, aliases=aliases)
-    # Covariances of the noise of neighbours, relative to its power at low frequencies.
-    along = np.zeros(_TAPS + 1)
-    along[0] = 1.0
-    if images.demosaiced is not None:
-        along[: len(images.demosaiced.along_row)] = images.demosaiced.along_row
-    covariance = np.concatenate([along[:0:-1], along])
     sums: Map | None = None
     variance = 0.0
     for channel in range(images.channels):
         grey = images.grey(frame, camera, channel)
         square = noise**2 * images.variance.at(grey)
         grey -= grey.mean()
+        # Covariances of the noise of neighbours, relative to its power at low frequencies.
+        along = np.zeros(_TAPS + 1)
+        row = (1.0,) if images.demosaiced is None else images.demosaiced.covariances[channel][channel][0]
+        along[: len(row)] = row
+        covariance = np.concatenate([along[:0:-1], along])
         # The same noise is in both factors.
         parts = [
             _block_means(grey * convolve1d(grey, taps, axis=axis, mode="mirror") - taps @ covariance * square, block)
@@ -136,12 +140,14 @@ def enlarge_variances(
     *,
     accelerated: bool,
     by_aliases: Map | None = None,
+    coupling: Map | float = 1.0,
 ) -> Fit:
     """Return a fit whose variances include the interpolation error of fine textures.
 
     ``motion``: Motion model of every pixel, as in ``motion_model``, which determines the frames of the fit.
     ``accelerated``: Whether all motions are accelerated.
     ``by_aliases``: As from `measure_alias_residual`, if aliases are separated.
+    ``coupling``: As from `measure_noise_coupling`.
     """
     from scipy.ndimage import gaussian_filter
 
@@ -191,7 +197,7 @@ def enlarge_variances(
     whole = added[:, rows[:, None], columns]
     if images.demosaiced is not None:
         # Maps divide by the squared transfer, as is due to variances by noise.
-        whole *= (images.transfers_of(fit.residual[0], by_aliases) / spline_transfer(images.spline)) ** 2
+        whole *= (images.transfers_of(fit.residual[0], by_aliases, coupling) / spline_transfer(images.spline)) ** 2
     variance = fit.variance.copy()
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = 1.0 + whole / variance[[0, 3, 4, 5]]
@@ -203,6 +209,62 @@ def enlarge_variances(
         variance[1:3] *= np.sqrt(ratio[0])
         variance[6:] *= ratio[1:][: len(variance) - 6]
     return fit._replace(variance=variance, element_variance=element.astype(np.float32))
+
+
+def measure_noise_coupling(images: ImageStack, sigma_px: float, noise: float) -> Map | float:
+    """Return the variance by demosaiced noise relative to that by white noise of its power at low frequencies, (y, x).
+
+    A fit weights noise with the gradient T of the texture: its variance is Σ T C T' / (Σ T²)² with the covariances C.
+    Of the ratios for T_x and T_y to Σ T², the larger one is returned, because variances combine both.
+
+    ``noise``: Standard deviation of white noise of the same power.
+    """
+    from scipy.ndimage import convolve, gaussian_filter
+
+    if images.demosaiced is None:
+        return 1.0
+    frame, camera = images.reference()
+    impulse = np.zeros((8 * _TAPS, 8 * _TAPS))
+    impulse[0, 0] = 1.0
+    channels = range(images.channels)
+    greys = [images.grey(frame, camera, channel) for channel in channels]
+    noises = [noise * np.sqrt(images.variance.at(grey)) for grey in greys]
+    sums = np.zeros((2, 2, *images.shape))
+    for place, order in enumerate(((0, 1), (1, 0))):
+        slopes = [gaussian_filter(grey - grey.mean(), _SLOPE_PX, order=order) for grey in greys]
+        # Noise of the reference is in both factors: gradients of it, and their products.
+        passed = np.abs(np.fft.fft2(gaussian_filter(impulse, _SLOPE_PX, order=order, mode="wrap"))) ** 2
+        for one, other in product(channels, channels):
+            covariances = images.demosaiced.covariances[one][other]
+            if not covariances:
+                continue
+            whole = _whole(covariances)
+            power = np.real(np.fft.fft2(_centred(whole, len(impulse))))
+            both = noises[one] * noises[other]
+            if one == other:
+                sums[0, place] += slopes[one] ** 2 - np.mean(passed * power) * both
+            weighted = convolve(slopes[other], whole, mode="mirror")
+            sums[1, place] += slopes[one] * weighted - np.mean(passed * power**2) * both
+    gradient, coupled = (np.stack([gaussian_filter(each, sigma_px) for each in part]) for part in sums)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = np.where(gradient > 0, coupled / gradient, 1.0)
+    # An axis without texture, along which nothing is determined, does not count.
+    ratio[gradient < _LEAST_TEXTURE * gradient.sum(axis=0)] = 0.0
+    coupling: Map = np.clip(ratio, _LEAST_COUPLING, _MOST_COUPLING).max(axis=0)
+    return coupling
+
+
+def _whole(quadrant: Covariances) -> Map:
+    """Return symmetric covariances at all distances."""
+    half = np.array(quadrant)
+    half = np.concatenate([half[:0:-1], half])
+    return np.concatenate([half[:, :0:-1], half], axis=1)
+
+
+def _centred(values: Map, size: int) -> Map:
+    """Return values around the first element of a square array, with its ends next to each other."""
+    reach = len(values) // 2
+    return np.roll(np.pad(values, (0, size - len(values))), (-reach, -reach), axis=(0, 1))
 
 
 def _displace_by(power: Map, fine: Map) -> Map:

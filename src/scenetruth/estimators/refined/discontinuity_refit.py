@@ -50,7 +50,6 @@ from scenetruth.estimators.refined.motion_model_selection import (
     encode_motion_models,
     list_motion_models,
 )
-from scenetruth.estimators.refined.noise_estimation import compute_noise_gradient, textured
 from scenetruth.estimators.refined.row_bands import (
     NO_OCCLUSION,
     PixelEvidence,
@@ -169,7 +168,7 @@ def refit_discontinuities(
     where = around(doubtful, reach) | beyond | refined.uneven
     # Windows without texture determine no surface.
     contrast = noise / images.transfer
-    where &= textured(refined.fit.residual[1], contrast, images.count, images.spline) | np.isnan(whole[0])
+    where &= images.is_textured(refined.fit.residual[1], contrast) | np.isnan(whole[0])
     if not where.any() or not np.isfinite(noise):
         return refined, DiscontinuityContext(where, np.zeros_like(where))
     steady = ~where if settings.photometric_model == "per_image" else None
@@ -179,7 +178,7 @@ def refit_discontinuities(
         selection.spread(distance)
     theta = fill_invalid_parameters(fill_gaps(whole, np.asarray(np.isfinite(whole).all(axis=0))), selection.theta)
     del selection
-    found = _refit(images, theta, where, noise, by_aliases, settings)
+    found = _refit(images, theta, where, noise, by_aliases, settings, refined.noise_ratio)
     found, motion = _refit_motion_models(images, found, refined.motion, noise, by_aliases, settings)
     fit, seen, shares = found.pixels.spread(found.fit), found.seen, found.shares
     square = without_aliases(seen.square, refined.alias_residual)
@@ -191,14 +190,18 @@ def refit_discontinuities(
         # finer than the pixels.
         other = refined.fit.residual[0] <= _REDUCED**2 * fit.residual[0]
         fitted |= other & ~around(outlines, reach)
-    by_noise = compute_noise_gradient(noise, images.count, images.spline)
+    by_noise = images.noise_gradient(noise, of_residual=True)
     surrounded = is_surrounded(refined.seen.gradient.astype(np.float64), _final_sigma(sigma), by_noise)
-    where = where & (refined.uneven | ~fitted | differ(refined.fit, fit, sigma / 2, motion=True))
+    where = where & (
+        refined.uneven
+        | ~fitted
+        | differ(refined.fit, fit, sigma / 2, motion=True, noise_ratio=refined.largest_noise_ratio)
+    )
     # Small windows of aliased images differ from full windows without any other surface.
     steps = _find_outlines(images, np.where(where & np.isfinite(fit.theta[0]), fit.theta, shown), sigma)
     where &= (by_aliases <= _ALIASED * noise**2) | around(outlines | steps, reach) | beyond
     final = chosen_fit(where, fit, refined.fit)
-    own = textured(seen.gradient.astype(np.float64), noise, images.count, images.spline)
+    own = images.is_textured(seen.gradient.astype(np.float64), noise, of_residual=True)
     sound = (
         where
         & explained(square, seen.gradient, settings.max_residual_ratio * noise)
@@ -494,6 +497,8 @@ class _Refit:
     """Residual and gradient of every pixel by itself."""
     shares: Map
     """Valid fraction of every window, and distance of the texture centroid from its centre, shape (2, y, x)."""
+    noise_ratio: float
+    """As in `RefinedState`."""
 
 
 def _refit_motion_models(
@@ -521,7 +526,9 @@ def _refit_motion_models(
     def trials() -> Iterator[MotionModelTrial]:
         theta = found.theta
         for motion in richer:
-            made = _refit(motion.images, motion.begun(theta), near[motion], noise, by_aliases, motion.settings)
+            made = _refit(
+                motion.images, motion.begun(theta), near[motion], noise, by_aliases, motion.settings, found.noise_ratio
+            )
             theta = made.theta
 
             def take(other: Mask, made: _Refit = made) -> None:
@@ -542,7 +549,13 @@ def _refit_motion_models(
 
 
 def _refit(
-    images: ImageStack, theta: Map, where: Mask, noise: float, by_aliases: Map | float, settings: RefinedSettings
+    images: ImageStack,
+    theta: Map,
+    where: Mask,
+    noise: float,
+    by_aliases: Map | float,
+    settings: RefinedSettings,
+    noise_ratio: float,
 ) -> _Refit:
     """Fit the pixels of a mask from parameters (15 or 18, y, x), which are updated in place."""
     sigma, finer = (max(_LEAST_SIGMA_PX, share * settings.window_sigma_px) for share in (_FINAL, _SMALL))
@@ -574,11 +587,11 @@ def _refit(
         theta[:, where] = np.where(is_valid_step(begun, fit.theta), fit.theta, begun)[:, 0]
     pair = pixels.compared(fine), pixels.compared(fit)
     inner = where[pixels.box]
-    uneven = differ(pair[1], pair[0], finer, motion=True)[inner][None]
-    biased = with_bias(*pair, finer, sigma).variance
+    uneven = differ(pair[1], pair[0], finer, motion=True, noise_ratio=noise_ratio)[inner][None]
+    biased = with_bias(*pair, finer, sigma, noise_ratio).variance
     for number in VARIANCES:
         fine.variance[number] = biased[number, inner]
-    return _Refit(pixels, chosen_fit(uneven, fine, fit), theta, seen, shares)
+    return _Refit(pixels, chosen_fit(uneven, fine, fit), theta, seen, shares, noise_ratio)
 
 
 def _with_aliases(noise: float, by_aliases: Map | float) -> float:

@@ -188,6 +188,7 @@ def differ(
     motion: bool = False,
     among: NDArray[np.bool_] | None = None,
     most: float = np.inf,
+    noise_ratio: float = 1.0,
 ) -> NDArray[np.bool_]:
     """Return where two fits differ by more than noise.
 
@@ -196,23 +197,26 @@ def differ(
     averaged over a window, must exceed four times that.
 
     ``among``: Pixels included in the average, shape (y, x); default: all.
+    ``noise_ratio``: Variance of the parameters by noise relative to that which the fits state.
     """
     found = np.zeros(coarse.theta.shape[1:], dtype=np.bool_)
     for _, _, square, noise in _changes(coarse, fine, sigma_px, among, most, fields=4 if motion else 1):
-        found |= square > _SIGNIFICANT * noise
+        found |= square > _SIGNIFICANT * noise_ratio * noise
     return found
 
 
-def with_bias(fine: Fit, coarse: Fit, sigma_px: float, coarse_sigma_px: float) -> Fit:
+def with_bias(fine: Fit, coarse: Fit, sigma_px: float, coarse_sigma_px: float, noise_ratio: float = 1.0) -> Fit:
     """Return a fit in windows that are still too large, with the bias added to the variances of disparity and velocity.
 
     Where the fitted quantity changes within a window beyond the model, the bias is proportional to the square of the
     window width, so that it follows from the change between two widths.
+
+    ``noise_ratio``: Variance by noise relative to that which the fits state; maps multiply variances by it.
     """
     share = sigma_px**2 / (coarse_sigma_px**2 - sigma_px**2)
     variance = fine.variance.copy()
     for _, number, square, noise in _changes(coarse, fine, sigma_px, None, np.inf):
-        variance[number] += share**2 * np.maximum(square - noise, 0.0)
+        variance[number] += share**2 * np.maximum(square / noise_ratio - noise, 0.0)
     return fine._replace(variance=variance)
 
 

@@ -14,7 +14,7 @@ from scenetruth.errors import EstimateError, Problem
 from scenetruth.estimators.channel_noise import read_demosaicing
 from scenetruth.estimators.method_settings import PhotonTransferNoise, RefinedSettings
 from scenetruth.estimators.refined.acquisition import corrects_poses, read_priors, read_schedule, remove_delay_bias
-from scenetruth.estimators.refined.alias_residuals import measure_alias_residual
+from scenetruth.estimators.refined.alias_residuals import with_measured_noise
 from scenetruth.estimators.refined.common_uncertainty import has_common_part, read_calibration_uncertainty
 from scenetruth.estimators.refined.discontinuity_refit import (
     DiscontinuityContext,
@@ -323,15 +323,15 @@ def _fit(
     beside = empty_discontinuity_context(images.shape)
     if not np.isfinite(found.fit.theta).all(axis=0).any():
         return found, beside
-    found = refit_motion_models(found, settings)
+    found = with_measured_noise(refit_motion_models(found, settings), settings)
     found, systematic = estimate_systematic_errors(found, settings)
-    found = replace(found, alias_residual=measure_alias_residual(found, settings))
+    found = with_measured_noise(found, settings)
     light = compare_without_smooth_light(found, settings, systematic.whole)
     if settings.discontinuity_refit:
         found, beside = refit_discontinuities(found.images, start.fields, found, settings, report)
     found = add_growth_bias(found)
-    fit = light.added(found.fit, beside.where)
-    found = replace(found, fit=systematic.added(fit, beside.where))
+    fit = light.added(found.fit, beside.where, found.noise_ratio)
+    found = replace(found, fit=systematic.added(fit, beside.where, found.noise_ratio))
     found = add_light_edges(found, settings)
     wide = found.images if beyond is None else join_frames(found.images, beyond)
     return check_time_resolution(found, beside.where, wide, settings), beside

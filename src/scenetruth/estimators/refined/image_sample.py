@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.method_settings import RefinedSettings
-from scenetruth.estimators.refined.alias_residuals import measure_alias_residual
+from scenetruth.estimators.refined.alias_residuals import with_measured_noise
 from scenetruth.estimators.refined.fit_maps import extract_fields
 from scenetruth.estimators.refined.image_consistency import (
     correlate_blocks,
@@ -85,10 +85,11 @@ def sample_images(
                 break
             states = _fit(source, regions, start, plain, settings)
     else:
-        states = [estimate_systematic_errors(refit_motion_models(each, settings), settings)[0] for each in states]
+        states = [with_measured_noise(refit_motion_models(each, settings), settings) for each in states]
+        states = [estimate_systematic_errors(each, settings)[0] for each in states]
     left_out = find_inconsistent_of_regions([(each.images.without(()), _finite(each)) for each in states], sigma)
     states = [replace(each, images=each.images.without(left_out)) for each in states]
-    states = [replace(each, alias_residual=measure_alias_residual(each, settings)) for each in states]
+    states = [with_measured_noise(each, settings) for each in states]
     variance, noise = _noise(states, settings, outline.variance)
     errors = None
     if settings.pose_corrections == "auto" and cameras is None:

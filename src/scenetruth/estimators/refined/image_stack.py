@@ -19,6 +19,7 @@ from scenetruth.estimators.refined.noise_estimation import (
     GreyVariance,
     estimate_noise,
     resampled_transfer,
+    spline_slope_transfer,
     spline_transfer,
 )
 from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
@@ -27,6 +28,9 @@ from scenetruth.threads import in_threads
 __all__ = [
     "NO_DEFECTS", "FramesNeeded", "ImageStack", "Region", "Splines", "filter_image", "frames_needed", "without_aliases",
 ]  # fmt: skip
+
+# Smallest ratio of the mean square gradient of a texture to that of the noise in the mean of the images.
+_ABOVE_NOISE = 4.0
 
 
 @dataclass(frozen=True)
@@ -221,9 +225,41 @@ class ImageStack:
         return float(resampled_transfer(self.spline, self.mean_share))
 
     @property
-    def slope_transfer(self) -> float:
-        """Ratio of the standard deviation of gradients due to noise to that of white noise, 1 without demosaicing."""
-        return 1.0 if self.demosaiced is None else math.sqrt(self.demosaiced.of_gradient)
+    def noise_ratio(self) -> float:
+        """Variance of fits by noise relative to that which residuals state, if these are noise; 1 as recorded.
+
+        Residuals that may be those of aliases have 1, until `RefinedState.noise_ratio` is measured.
+        """
+        if self.demosaiced is None or self.demosaiced.aliases:
+            return 1.0
+        return (spline_transfer(self.spline) / self.transfer) ** 2
+
+    def noise_gradient(
+        self, noise: float | Map, images: int | NDArray[np.floating[Any]] | None = None, *, of_residual: bool = False
+    ) -> Any:
+        """Return the mean square gradient of the mean image that noise causes, in squares of grey values per px.
+
+        ``noise``: Standard deviation of white noise of the power at low frequencies, or of residuals that it leaves.
+        ``images``: Number of images in the mean, possibly of every window; None for all.
+        """
+        if self.demosaiced is not None:
+            # Demosaicing reduces the gradients of noise more than its residuals.
+            noise = noise * math.sqrt(self.demosaiced.of_gradient)
+            noise = noise * (spline_transfer(self.spline) / self.transfer) if of_residual else noise
+        return 2.0 * (spline_slope_transfer(self.spline) * noise) ** 2 / (self.count if images is None else images)
+
+    def is_textured(
+        self,
+        mean_square_gradient: Map,
+        noise: float | Map,
+        images: int | NDArray[np.floating[Any]] | None = None,
+        *,
+        of_residual: bool = False,
+    ) -> NDArray[np.bool_]:
+        """Return where the windowed mean square gradient of the mean image exceeds that of noise, see above."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            by_noise = self.noise_gradient(noise, images, of_residual=of_residual)
+            return np.asarray(mean_square_gradient > _ABOVE_NOISE * by_noise)
 
     @property
     def mean_share(self) -> float:
@@ -245,13 +281,17 @@ class ImageStack:
             return spline_transfer(self.spline)
         return np.asarray(resampled_transfer(self.spline, self._of_region(self.noise_share[0])))
 
-    def transfers_of(self, square: Map, by_aliases: Map | None) -> Map | float:
-        """Return the ratio as `transfers`, of mean square residuals with those by aliases, which are not correlated."""
+    def transfers_of(self, square: Map, by_aliases: Map | None, coupling: Map | float = 1.0) -> Map | float:
+        """Return the ratio as `transfers`, of mean square residuals with those by aliases, which are not correlated.
+
+        ``coupling``: Variance of a fit by correlated noise relative to that by white noise.
+        """
+        transfers = self.transfers / np.sqrt(coupling) if self.demosaiced is not None else self.transfers
         if by_aliases is None:
-            return self.transfers
+            return transfers
         with np.errstate(invalid="ignore", divide="ignore"):
             share = without_aliases(square, by_aliases) / square
-        inverse = share / self.transfers**2 + (1.0 - share) / spline_transfer(self.spline) ** 2
+        inverse = share / transfers**2 + (1.0 - share) / spline_transfer(self.spline) ** 2
         return np.asarray(1.0 / np.sqrt(inverse))
 
     @property

@@ -29,7 +29,7 @@ from scenetruth.estimators.refined.noise_estimation import (
     GreyVariance,
     estimate_noise,
     estimate_variance,
-    textured,
+    spline_transfer,
 )
 from scenetruth.estimators.refined.pose_corrections import PoseCorrections, ShiftObservations
 from scenetruth.estimators.refined.row_bands import PixelEvidence, bands, local_means
@@ -93,11 +93,31 @@ class RefinedState:
     """Part of the mean square residual that aliases of demosaicing cause, their powers along x and y, and the variances
     that they cause, shape (7, y, x), see `measure_alias_residual`; None if they are not separated from noise.
     """
+    coupling: Map | float = 1.0
+    """As from `measure_noise_coupling`."""
 
     @property
     def noise_residual(self) -> Map:
         """Mean square residual of the windows without that by aliases, shape (y, x)."""
         return without_aliases(self.fit.residual[0], self.alias_residual)
+
+    @property
+    def noise_ratio(self) -> float:
+        """Variance by noise relative to that which the fit states: median over the pixels; 1 for images as recorded."""
+        if self.alias_residual is None:
+            return self.images.noise_ratio
+        return self._noise_ratio(self.coupling)
+
+    @property
+    def largest_noise_ratio(self) -> float:
+        """Ratio as `noise_ratio` for noise of low frequencies, which fits in small windows are compared with."""
+        return self.images.noise_ratio if self.alias_residual is None else self._noise_ratio(1.0)
+
+    def _noise_ratio(self, coupling: Map | float) -> float:
+        transfers = self.images.transfers_of(self.fit.residual[0], self.alias_residual, coupling)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = float(np.nanmedian((spline_transfer(self.images.spline) / transfers) ** 2))
+        return ratio if np.isfinite(ratio) else 1.0
 
 
 def refine(
@@ -236,7 +256,7 @@ def fit_final(
     final = partial(fit_round, images, state, models, settings.window_sigma_px, gains=gains, chosen=chosen)
     fit, *_ = final(variances=EVERY_VARIANCE, finer=(small, step, finer), seen=seen, smooth=smooth)
     # The test averages over a window: smaller windows at a distance of their standard deviation suffice.
-    uneven = differ(every_nth(fit, step), finer, small / step, motion=True)
+    uneven = differ(every_nth(fit, step), finer, small / step, motion=True, noise_ratio=images.noise_ratio)
     return FinalIteration(fit, seen, nearest_node(uneven, step, images.shape))
 
 
@@ -343,6 +363,6 @@ def _still(before: Map, after: Map, fit: Fit, images: ImageStack, tolerance_px: 
     left = np.sqrt(fit.residual[0]) / images.transfer
     noise = images.residual_noise(fit.residual[0]) / images.transfer
     with np.errstate(invalid="ignore"):
-        fitted = textured(fit.residual[1], noise * images.slope_transfer, images.count, images.spline)
+        fitted = images.is_textured(fit.residual[1], noise)
         fitted &= left < _FITTED * noise
     return not fitted.any() or bool(np.mean(moved[fitted] < tolerance_px) >= _STILL_SHARE)

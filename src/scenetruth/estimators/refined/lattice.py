@@ -14,7 +14,6 @@ from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.kernels.lattice import carry_rows, find_smooth_cells, interpolate_rows
 from scenetruth.estimators.refined.kernels.window_solver import DIRECTION, EVERY_VARIANCE, Fit, Model
 from scenetruth.estimators.refined.kernels.window_sums import EVERY_MODEL, NO_MODEL, solve_rows
-from scenetruth.estimators.refined.noise_estimation import textured
 from scenetruth.estimators.refined.row_bands import FIT_LIMITS, RowBand, pieces, window_weights
 from scenetruth.threads import in_threads
 
@@ -272,7 +271,7 @@ class _Level:
             limit = np.fmax(self._error_px, _ERROR_SHARE * images.moved_px(fields, fields + std))
             # Without texture, fits are of noise alone, and no values are wanted.
             noise = np.sqrt(residual[0]) / images.transfer
-            clear = textured(residual[1], noise * images.slope_transfer, images.count, images.spline)
+            clear = images.is_textured(residual[1], noise)
             rough = ~(error <= limit) & (clear | np.isnan(noise))
             known = np.isfinite(theta).all(axis=0) & self._of_nodes[model, near]
         found = np.zeros(known.shape, dtype=np.bool_)

@@ -22,7 +22,6 @@ from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.kernels.pixel_equations import PRODUCTS
 from scenetruth.estimators.refined.kernels.window_solver import ALL, EVERY_VARIANCE, FULL, Fit, Model
 from scenetruth.estimators.refined.kernels.window_sums import NO_MODEL, solve_rows
-from scenetruth.estimators.refined.noise_estimation import textured
 from scenetruth.estimators.refined.row_bands import FrameSubset, RowBand, around, bands, pieces, window_weights
 from scenetruth.estimators.refined.velocity_curvature import add_velocity, remove_slopes, remove_velocity
 from scenetruth.threads import in_threads
@@ -187,7 +186,7 @@ def find_far(images: ImageStack, state: Map, fit: Fit) -> Mask:
     """
     before = accelerated(state) if len(fit.theta) == ALL else state[:FULL]
     noise = np.sqrt(fit.residual[0]) / images.transfer
-    clear = textured(fit.residual[1], noise * images.slope_transfer, images.count, images.spline)
+    clear = images.is_textured(fit.residual[1], noise)
     with np.errstate(invalid="ignore"):
         far = ~(images.moved_px(extract_fields(before), extract_fields(fit.theta)) <= _LINEAR_PX)
     return np.asarray(far & clear & np.isfinite(fit.theta[0]))

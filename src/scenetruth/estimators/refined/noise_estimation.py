@@ -19,7 +19,6 @@ __all__ = [
     "resampled_transfer",
     "spline_slope_transfer",
     "spline_transfer",
-    "textured",
 ]
 
 
@@ -27,33 +26,12 @@ Map = NDArray[np.float64]
 
 QUINTIC_ORDER = 5
 _WELL = 0.25  # quantile of the residuals at which windows are assumed to contain pure noise
-# Smallest ratio of the mean square gradient of a texture to that of the noise in the mean of the images.
-_ABOVE_NOISE = 4.0
 
 
 def estimate_noise(left: NDArray[np.float64]) -> float:
     """Return the standard deviation of the image noise from the residuals of the windows that fit well."""
     known = left[np.isfinite(left)]
     return float(np.quantile(known, _WELL)) if known.size else float("nan")
-
-
-def textured(
-    mean_square_gradient: NDArray[np.float64],
-    noise: float | NDArray[np.float64],
-    images: int | NDArray[np.floating[Any]],
-    spline: int,
-) -> NDArray[np.bool_]:
-    """Return where the windowed mean square gradient of the mean image, in grey values per px, exceeds its noise.
-
-    ``images``: Number of images in the mean, possibly of every window.
-    """
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(mean_square_gradient > _ABOVE_NOISE * compute_noise_gradient(noise, images, spline))
-
-
-def compute_noise_gradient(noise: Any, images: Any, spline: int) -> Any:
-    """Return the mean square gradient of the mean image that noise causes, in squares of grey values per px."""
-    return 2.0 * (spline_slope_transfer(spline) * noise) ** 2 / images
 
 
 @cache

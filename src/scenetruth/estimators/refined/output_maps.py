@@ -24,7 +24,7 @@ from scenetruth.estimators.refined.initialisation import InitialEstimate, fill_g
 from scenetruth.estimators.refined.iterations import RefinedState
 from scenetruth.estimators.refined.kernels.window_solver import FUNCTIONALS, Fit
 from scenetruth.estimators.refined.mean_image import find_outlines
-from scenetruth.estimators.refined.noise_estimation import compute_noise_gradient, spline_transfer, textured
+from scenetruth.estimators.refined.noise_estimation import spline_transfer
 from scenetruth.estimators.refined.pose_consistency import PoseErrors
 from scenetruth.estimators.refined.pose_corrections import PoseCorrections
 from scenetruth.estimators.refined.systematic_error import sees_second_camera
@@ -171,8 +171,9 @@ def compute_maps(
         settings.window_sigma_px,
         accelerated=settings.accelerated,
         by_aliases=refined.alias_residual,
+        coupling=refined.coupling,
     )
-    transfers = images.transfers_of(fit.residual[0], refined.alias_residual)
+    transfers = images.transfers_of(fit.residual[0], refined.alias_residual, refined.coupling)
     height, width = images.shape
     cameras, frames = len(images.positions), len(images.times)
     y, x = np.mgrid[:height, :width].astype(np.float64)
@@ -207,9 +208,7 @@ def compute_maps(
             shifted *= _SHIFT_OF_FEW
             limit = np.maximum(settings.max_residual_ratio * usual, shifted)
         most = np.maximum(settings.max_residual_ratio * fine_contrast(images, settings.window_sigma_px), shifted)
-        known = np.isfinite(theta).all(axis=0) & textured(
-            fit.residual[1], usual * images.slope_transfer, fit.images, images.spline
-        )
+        known = np.isfinite(theta).all(axis=0) & images.is_textured(fit.residual[1], usual, fit.images)
         known &= _in_texture(refined.seen.gradient, usual, images, settings.window_sigma_px)
         reason = np.where(np.isfinite(theta).all(axis=0) & ~known, _LOW_TEXTURE, 0)
         alone = known & ~sees_second_camera(images, theta, settings.window_sigma_px)
@@ -351,10 +350,10 @@ def _in_texture(gradient: NDArray[Any], noise: float, images: ImageStack, sigma_
     total = np.maximum(gaussian_filter(texture, sigma_px), 1e-300)
     partial = [gaussian_filter(texture, sigma_px, order=order) / total for order in ((0, 1), (1, 0))]
     middle_px = sigma_px**2 * np.hypot(*partial)
-    of_slopes = noise * images.slope_transfer
-    own = textured(texture, of_slopes, images.count, images.spline)
-    by_noise = compute_noise_gradient(of_slopes, images.count, images.spline)
-    bare = find_open_blanks(texture / by_noise, ~own, images.reference_grey(), noise / images.channels**0.5, sigma_px)
+    own = images.is_textured(texture, noise)
+    bare = find_open_blanks(
+        texture / images.noise_gradient(noise), ~own, images.reference_grey(), noise / images.channels**0.5, sigma_px
+    )
     return np.asarray((own | (middle_px < FARTHEST * sigma_px)) & ~bare)
 
 

@@ -54,12 +54,12 @@ class SmoothLight:
     """Standard deviation of the windows in nodes."""
     step: int
 
-    def added(self, fit: Fit, near: Mask) -> Fit:
-        """Return a fit with the errors in its variances.
+    def added(self, fit: Fit, near: Mask, noise_ratio: float = 1.0) -> Fit:
+        """Return a fit with the errors in its variances, which maps multiply by ``noise_ratio``.
 
         ``near``: Pixels with a fit to parts of their windows, whose changes are compared with noise one by one.
         """
-        full = collect_quantities(at_nodes(fit, self.step))
+        full = collect_quantities(at_nodes(fit, self.step), noise_ratio)
         change = self.found.values - full.values
         parts = near | ~self.whole
         among = (~parts)[:: self.step, :: self.step] & self.explained
@@ -70,7 +70,7 @@ class SmoothLight:
             single = np.where(self.explained & (change**2 > limit), change**2, 0.0)
         count, variance, element = self.found.fields, fit.variance.copy(), fit.element_variance.copy()
         for where, each in ((~parts, square), (parts, single)):
-            errors = of_nearest_node(each, self.step, where)
+            errors = of_nearest_node(each, self.step, where) / noise_ratio
             variance[:count, where] += errors[:count]
             element[: len(errors) - count, where] += errors[count:].astype(np.float32)
         return fit._replace(variance=variance, element_variance=element)
@@ -101,7 +101,7 @@ def compare_without_smooth_light(refined: RefinedState, settings: RefinedSetting
             at = Linearisation(images, theta, where, refined.curved, gains, step)
             (found,) = at.fits([Alternative(images, models, settings.window_sigma_px, EVERY_VARIANCE)])
             solved = where[::step, ::step] & np.isfinite(found.theta[0])
-            quantities = collect_quantities(found)
+            quantities = collect_quantities(found, refined.noise_ratio)
             values[:, solved], variances[:, solved] = quantities.values[:, solved], quantities.variances[:, solved]
             residual[solved] = found.residual[0][solved]
             moved[: len(theta), solved] = (found.theta - theta[:, ::step, ::step])[:, solved]

@@ -130,11 +130,14 @@ class Quantities(NamedTuple):
     """Number of parameters of the fit; quantities of the surface element follow."""
 
 
-def collect_quantities(fit: Fit) -> Quantities:
-    """Return all quantities of a fit that have a standard deviation, except the acceleration."""
+def collect_quantities(fit: Fit, noise_ratio: float = 1.0) -> Quantities:
+    """Return all quantities of a fit that have a standard deviation, except the acceleration.
+
+    ``noise_ratio``: Variance by noise relative to that which the fit states.
+    """
     values = np.concatenate([fit.theta[TOLD[:_STEADY]], fit.element[:_STATED]])
     variances = np.concatenate([fit.variance[:_STEADY], fit.element_variance[:_STATED]])
-    return Quantities(values, variances.astype(np.float64), _STEADY)
+    return Quantities(values, noise_ratio * variances.astype(np.float64), _STEADY)
 
 
 OF_VELOCITY = np.array([0, 0, 0, 1, 1, 1, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1], dtype=np.intp)
@@ -154,8 +157,8 @@ class SystematicErrors:
     theta: Map
     """Parameters of the fits, shape (15, y, x)."""
 
-    def added(self, fit: Fit, near: Mask) -> Fit:
-        """Return a fit with the errors in its variances.
+    def added(self, fit: Fit, near: Mask, noise_ratio: float = 1.0) -> Fit:
+        """Return a fit with the errors in its variances, which maps multiply by ``noise_ratio``.
 
         In the mask ``near``, smaller windows of all frames were fitted to the central surface: they have the errors of
         the frames at the nearest pixel of the same surface.
@@ -165,8 +168,8 @@ class SystematicErrors:
         if left.any() and self.whole.any():
             square[:, left] = self._of_nearest_surface(fit.theta, left, near)
         variance, element = fit.variance.copy(), fit.element_variance.copy()
-        variance[:_STEADY] += square[:_STEADY]
-        element[:_STATED] += square[_STEADY:].astype(np.float32)
+        variance[:_STEADY] += square[:_STEADY] / noise_ratio
+        element[:_STATED] += (square[_STEADY:] / noise_ratio).astype(np.float32)
         return fit._replace(variance=variance, element_variance=element)
 
     def _of_nearest_surface(self, theta: Map, left: Mask, near: Mask) -> Map:
@@ -384,7 +387,7 @@ def _window_errors(refined: RefinedState, group: SpanGroup, smaller: Fit, sigma:
     """Return the squares of the errors of all quantities due to the width of the windows, at the nodes."""
     step, small = sample_step(sigma), _small(sigma)
     share = sigma**2 / (sigma**2 - small**2) if small < sigma else 0.0
-    fine, full = collect_quantities(smaller), collect_quantities(at_nodes(refined.fit, step))
+    fine, full = (collect_quantities(each, refined.noise_ratio) for each in (smaller, at_nodes(refined.fit, step)))
     square, *_ = mean_change(
         fine.values - full.values,
         _noise_of_change(full, fine),
@@ -429,14 +432,14 @@ def _span_errors(
     sigma, step = settings.window_sigma_px, sample_step(settings.window_sigma_px)
     nodes = slice(None, None, step), slice(None, None, step)
     among = group.where[nodes]
-    present = collect_quantities(at_nodes(refined.fit, step))
+    present = collect_quantities(at_nodes(refined.fit, step), refined.noise_ratio)
     quantities, thetas, where = [present], [state], group.where
     errors: list[Map] = [np.zeros_like(present.values)]
     times = [part.times for part in spans]
     theta, worth = state, np.zeros(among.shape, dtype=np.bool_)
     for number, part in enumerate(spans[1:]):
         theta, made = fit_span(refined, group, part, theta, where, linear[number : number + 1], sigma)
-        latest = collect_quantities(made)
+        latest = collect_quantities(made, refined.noise_ratio)
         before, n = quantities[-1], len(quantities)
         # The present fit may be that of this span.
         quantities.append(latest)

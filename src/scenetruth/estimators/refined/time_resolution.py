@@ -188,7 +188,9 @@ def _check(
     acceleration, of_noise = np.zeros((3, *images.shape)), np.zeros((3, *whole[nodes].shape))
     if len(part.times) >= LEAST_ACCELERATED:
         acceleration, of_noise = _acceleration(refined, part, state, whole, settings)
-    fitted = _Fitted(collect_quantities(at_nodes(refined.fit, step)), acceleration[:, *nodes], of_noise)
+    fitted = _Fitted(
+        collect_quantities(at_nodes(refined.fit, step), refined.noise_ratio), acceleration[:, *nodes], of_noise
+    )
     core = fitted.core
     start = state, acceleration
     found = [_deviation(refined, images, n, start, whole, settings, core) for n in beyond]
@@ -210,10 +212,10 @@ def _check(
         return refined
     of_pixels = enlarged(square, step, whole.shape)
     of_elements, of_acceleration = of_pixels[: len(core.values)], of_pixels[len(core.values) :]
-    fit = SystematicErrors(of_elements, of_elements, pixels, state[:FULL]).added(refined.fit, near)
+    fit = SystematicErrors(of_elements, of_elements, pixels, state[:FULL]).added(refined.fit, near, refined.noise_ratio)
     variance = np.where(where, fit.variance, refined.fit.variance)
     if len(variance) > core.fields:
-        variance[core.fields :] += np.where(where, fill_gaps(of_acceleration, pixels), 0.0)
+        variance[core.fields :] += np.where(where, fill_gaps(of_acceleration, pixels) / refined.noise_ratio, 0.0)
     element = np.where(where, fit.element_variance, refined.fit.element_variance)
     return replace(refined, fit=refined.fit._replace(variance=variance, element_variance=element))
 
@@ -272,12 +274,12 @@ def _acceleration(
     """Return the acceleration over the frames of a part, 0 where the fit fails, and its variance at the nodes."""
     step = sample_step(settings.window_sigma_px)
     if len(state) > FULL:
-        return state[FULL:], refined.fit.variance[_STEADY:, ::step, ::step]
+        return state[FULL:], refined.noise_ratio * refined.fit.variance[_STEADY:, ::step, ::step]
     group = SpanGroup(where, settings.model_copy(update={"acceleration": True}), 0)
     _, fit = fit_span(refined, group, part, state, where, (), settings.window_sigma_px)
     found = np.isfinite(fit.theta).all(axis=0)
     values = enlarged(np.where(found, fit.theta[FULL:], 0.0), step, where.shape)
-    return np.where(where, values, 0.0), fit.variance[_STEADY:]
+    return np.where(where, values, 0.0), refined.noise_ratio * fit.variance[_STEADY:]
 
 
 def _deviation(
@@ -313,7 +315,7 @@ def _deviation(
         with np.errstate(invalid="ignore"):
             better = other_fits & (~fits | (other.residual[0] < fit.residual[0]))
         fit, fits, seen = chosen_fit(better, other, fit), fits | other_fits, seen | np.isfinite(other.residual[0])
-    made = collect_quantities(fit)
+    made = collect_quantities(fit, refined.noise_ratio)
     change = np.where(OF_VELOCITY[:, None, None] == 1, made.values - core.values, 0.0)
     change[_VELOCITY] -= 0.5 * time * acceleration[:, *nodes]
     return _Deviation(time, time * change, time**2 * made.variances, seen, fits)
