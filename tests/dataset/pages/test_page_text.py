@@ -116,7 +116,7 @@ DISTRIBUTIONS: dict[str, Any] = {
 @pytest.mark.parametrize(
     ("plain", "words"),
     [
-        ({"kind": "uniform", "low": -1, "high": 2.5}, "uniform from -1 to 2.5"),
+        ({"kind": "uniform", "low": -1, "high": 2.5}, "uniform from −1 to 2.5"),
         (
             {"kind": "log_uniform", "low": 0.1, "high": 2, "sampling": "sobol"},
             "log-uniform from 0.1 to 2 (Sobol sequence)",

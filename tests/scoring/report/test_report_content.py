@@ -33,6 +33,7 @@ def test_depth_and_motion_are_told_with_their_signal_and_where_they_are_worst(sc
     inner = result.regions["interior"]
     assert (depth.title, depth.figure, depth.units) == ("Depth", format_number(inner["depth"]["rmse"]), "mm")
     share = inner["depth"]["relative_rmse"]
+    assert share is not None
     assert share < 2
     assert f"{format_percent_value(share)} % of the true value" in depth.rest
     spread = viewer.spread["depth"]

@@ -32,6 +32,7 @@ from scenetruth.dataset.pages.figures import (
 )
 from scenetruth.dataset.pages.page_text import (
     describe_criterion,
+    describe_scene,
     describe_splits,
     format_size,
     render_html,
@@ -123,7 +124,7 @@ def build_card_contents(
         "bytes": format_size(int(sizes.sum())),
         "bytes_each": format_size(float(np.median(sizes))),
         "notices": _notices(sampler),
-        "bases": [str(base) for base in sampler.bases],
+        "bases": [describe_scene(base) for base in sampler.bases],
         "varied": tabulate_distributions(sampler),
         "ladders": tabulate_paired_factors(sampler),
         "bounds": [describe_criterion(bound) for bound in recipe.acceptance],

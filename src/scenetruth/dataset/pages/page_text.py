@@ -19,10 +19,13 @@ from scenetruth.scene.field_paths import PathError, value_at
 if TYPE_CHECKING:
     from jinja2 import Environment
 
+    from scenetruth.scene.scene_models import Scene
+
 __all__ = [
-    "RawMarkdown", "describe_criterion", "describe_distribution", "describe_splits", "describe_value",
-    "escape_markdown", "format_code", "format_label", "format_size", "format_title", "render_html", "render_markdown",
-    "split_unit", "tabulate_distributions", "tabulate_paired_factors", "tabulate_rejections",
+    "RawMarkdown", "describe_criterion", "describe_distribution", "describe_scene", "describe_splits",
+    "describe_value", "escape_markdown", "format_code", "format_label", "format_size", "format_title",
+    "render_html", "render_markdown", "split_unit", "tabulate_distributions", "tabulate_paired_factors",
+    "tabulate_rejections",
 ]  # fmt: skip
 
 
@@ -131,6 +134,13 @@ def tabulate_distributions(sampler: Sampler) -> list[tuple[str, str, str]]:
         (format_title(*format_label(item.key, plain)), item.key, describe_distribution(item.distribution))
         for item in sampler.varied
     ]
+
+
+def describe_scene(scene: Scene) -> str:
+    """Return a base scene in words."""
+    camera, names = scene.camera, [one.name for one in (*scene.objects, *scene.plants)]
+    size = f"{camera.width} x {camera.height} px, {scene.stage.positions} positions x {scene.frames.count} frames"
+    return f"{scene.description.rstrip('.') or 'Scene'}: {size}; objects: {', '.join(names) or 'none'}"
 
 
 def describe_distribution(distribution: Distribution) -> str:
@@ -258,8 +268,8 @@ def _cut(words: str) -> str:
 def _value(value: Any) -> str:
     if isinstance(value, bool) or value is None:
         return {True: "yes", False: "no", None: "none"}[value]
-    if isinstance(value, float):
-        return f"{value:.10g}"
+    if isinstance(value, int | float):
+        return f"{value:.10g}".replace("-", "−", 1) if value < 0 else f"{value:.10g}"
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{key}: {_value(entry)}" for key, entry in value.items()) + "}"
     if isinstance(value, list | tuple):
