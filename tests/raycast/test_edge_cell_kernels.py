@@ -27,9 +27,11 @@ def samples(ends: Points, order: int = 2) -> tuple[Points, Points]:
 
 def numbered(ends: Points, order: int = 2) -> tuple[Points, Points, NDArray[np.int32]]:
     """Return the samples of one pixel with their cells."""
-    firsts, *found = cut_pixels(np.ascontiguousarray(ends), np.array([0, len(ends)]), np.array([order]), NODES, WEIGHTS)
-    assert firsts.tolist() == [0, len(found[1])]
-    return found[0], found[1], found[2]
+    firsts, offsets, weights, cells = cut_pixels(
+        np.ascontiguousarray(ends), np.array([0, len(ends)]), np.array([order]), NODES, WEIGHTS
+    )
+    assert firsts.tolist() == [0, len(weights)]
+    return offsets, weights, cells
 
 
 def area_left(one: Points, other: Points) -> float:

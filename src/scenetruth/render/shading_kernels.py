@@ -54,18 +54,18 @@ def light_up_faces(
     count, number = mesh[1].shape[0], len(lamps[0])
     by_lamp, total = np.empty((count, number)), np.empty(count)
     bits = np.zeros((3, count), dtype=np.uint64)
-    arguments = (*mesh, origin, *lamps, ambient, by_lamp, total, bits)
+    arguments = (mesh, origin, lamps, ambient, by_lamp, total, bits)
     in_bands(_light_up_faces, count, *arguments, least=_LEAST_POINTS)
     return by_lamp, total, bits
 
 
 @kernel()
 def _light_up_faces(
-    low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], normals: NDArray[np.float64],
-    origin: NDArray[np.float64],
-    irradiances: NDArray[np.float64], cosines: NDArray[np.float64], states: NDArray[np.uint8], ambient: float,
+    low: int, high: int, mesh: tuple[Any, ...], origin: NDArray[np.float64], lamps: tuple[Any, ...], ambient: float,
     by_lamp: NDArray[np.float64], total: NDArray[np.float64], bits: NDArray[np.uint64],
 ) -> None:  # fmt: skip
+    vertices, faces, normals = mesh
+    irradiances, cosines, states = lamps
     for face in range(low, high):
         towards = 0.0
         for k in range(3):
