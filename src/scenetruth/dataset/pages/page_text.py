@@ -138,7 +138,7 @@ def tabulate_distributions(sampler: Sampler) -> list[tuple[str, str, str]]:
 
 def describe_scene(scene: Scene) -> str:
     """Return a base scene in words."""
-    camera, names = scene.camera, [one.name for one in (*scene.objects, *scene.plants)]
+    camera, names = scene.camera, [item.name for item in scene.objects] + [plant.name for plant in scene.plants]
     size = f"{camera.width} x {camera.height} px, {scene.stage.positions} positions x {scene.frames.count} frames"
     return f"{scene.description.rstrip('.') or 'Scene'}: {size}; objects: {', '.join(names) or 'none'}"
 
