@@ -94,7 +94,7 @@ def test_bad_input_is_told_at_once(tmp_path: Path) -> None:
     assert "--mm-per-px: applies to a photograph" in done.stderr
     done = scenetruth("design", "pattern", *RIG, "--type", "noise", "--spacing", "1", "--page", "B7", "-o", out)
     assert done.returncode == 2
-    assert "spacing: is unknown" in done.stderr
+    assert "spacing: unknown key" in done.stderr
     assert not out.exists()
 
 
