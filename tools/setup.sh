@@ -37,7 +37,7 @@ find_python() {
 pip() { .venv/bin/python -m pip "$@"; }
 quiet=(-q --disable-pip-version-check)
 # Old versions of pip cannot make a wheel of a package without a pyproject.toml (there is one among those of the tests)
-# unless they are told; new ones do nothing else, and know no such option.
+# without this setting; new versions do so anyway, and have no such option.
 export PIP_USE_PEP517=1
 
 if ! .venv/bin/python -c '' >/dev/null 2>&1; then
