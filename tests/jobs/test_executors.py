@@ -26,7 +26,7 @@ from scenetruth.errors import ArgumentError, MachineError, OutputExistsError, Sc
 from scenetruth.jobs.executors import DaskExecutor, ProcessExecutor, SerialExecutor, create_executor, resolve_workers
 from scenetruth.jobs.job_folder import JobFolder
 from scenetruth.jobs.results import ResultStore, perform_task
-from tests.helpers.nightly import nightly
+from tests.helpers.nightly import by_night, nightly
 from tests.helpers.small_recipes import RECIPE
 
 
@@ -190,3 +190,22 @@ def test_work_of_a_foreign_process_keeps_to_its_threads(threads: int) -> None:
     )
     done = subprocess.run([sys.executable, "-c", code, str(threads)], capture_output=True, text=True, check=True)
     assert done.stdout.split() == [str(threads), str(threads), "1"]
+
+
+@pytest.mark.parametrize("begun", [False, *by_night(True)])
+def test_processes_with_limited_threads_can_compile(begun: bool) -> None:
+    # Forked with numba imported, and with its threads begun before the limit.
+    code = (
+        "import sys\n"
+        "import numba\n"
+        "from scenetruth.compilation import thread_count\n"
+        "from scenetruth.jobs.worker_setup import limit_threads\n"
+        "if sys.argv[1] == 'True':\n"
+        "    numba.get_num_threads()\n"
+        "limit_threads(1)\n"
+        "numba.config.reload_config()\n"  # what the compiler does first
+        "print(thread_count(), numba.config.NUMBA_NUM_THREADS)\n"
+    )
+    environment = {**os.environ, "NUMBA_NUM_THREADS": "2"}
+    done = subprocess.run([sys.executable, "-c", code, str(begun)], capture_output=True, text=True, env=environment)
+    assert done.stdout.split() == ["1", "2" if begun else "1"], done.stderr

@@ -48,6 +48,11 @@ def limit_threads(threads: int) -> None:
     if "numba" in sys.modules:
         import numba
 
+        # The compiler compares the variable with the number of threads at the first use, and raises if they differ.
+        try:
+            numba.config.reload_config()
+        except RuntimeError:
+            os.environ["NUMBA_NUM_THREADS"] = str(numba.config.NUMBA_NUM_THREADS)
         numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     if "numpy" in sys.modules:
         from threadpoolctl import threadpool_limits
