@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from matplotlib.path import Path as Outline
+from scipy.ndimage import map_coordinates
 
-from scenetruth.scene.leaf.leaf_kernels import draw_dots, draw_veins, inside, net
+from scenetruth.scene.leaf.leaf_kernels import draw_dots, draw_veins, inside, look_up_linearly, net
 
 
 def test_inside_is_the_even_odd_rule() -> None:
@@ -28,6 +29,26 @@ def test_dots_are_as_many_as_a_poisson_process_has() -> None:
     # Dots end at 4.5 standard deviations, where exp(-4.5² / 2) = 4e-5.
     np.testing.assert_allclose(raster, 1 - left, atol=5e-5)
     assert raster.max() <= 1
+
+
+def test_linear_interpolation_on_several_grids_is_that_of_scipy() -> None:
+    generator = np.random.default_rng(4)
+    sizes = np.array([[5, 9], [2, 3], [12, 4]])
+    grids = [generator.normal(size=(3, *size)) for size in sizes]
+    of_each = generator.integers(0, 3, 500)
+    # A part of the places outside the grids, and some on their points.
+    rows, columns = generator.uniform(-2, 14, (2, 500))
+    rows[:60], columns[30:90] = np.round(rows[:60]), np.round(columns[30:90])
+    first = np.cumsum([0, *(grid[0].size for grid in grids[:-1])])
+    found = (np.empty(500), np.empty(500), np.empty(500))
+    fields = np.concatenate([grid.reshape(3, -1) for grid in grids], axis=1)
+    look_up_linearly(fields, sizes, first, of_each, rows, columns, found)
+    for number, grid in enumerate(grids):
+        here = of_each == number
+        for values, field in zip(found, grid, strict=True):
+            expected = map_coordinates(field, (rows[here], columns[here]), order=1, mode="nearest")
+            # Few roundings of values of order one.
+            np.testing.assert_allclose(values[here], expected, rtol=0, atol=1e-15)
 
 
 def test_lines_have_their_profile() -> None:

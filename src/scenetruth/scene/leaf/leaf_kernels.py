@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scenetruth.kernels import kernel
 from scenetruth.threads import in_bands
 
-__all__ = ["draw_dots", "draw_veins", "inside", "net"]
+__all__ = ["draw_dots", "draw_veins", "inside", "look_up_linearly", "net"]
 
 _LEAST_ROWS = 2  # minimum number of rows of a network per thread
 
@@ -42,6 +42,37 @@ def _cross_edges(
         for n in range(first[k], last[k]):
             if x[n] < x0 + (y[n] - y0) / (y1 - y0) * (x1 - x0):
                 odd[n] = not odd[n]
+
+
+@kernel()
+def look_up_linearly(
+    fields: NDArray[np.float64],
+    sizes: NDArray[np.int64],
+    first: NDArray[np.int64],
+    of_each: NDArray[np.int64],
+    rows: NDArray[np.float64],
+    columns: NDArray[np.float64],
+    out: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]],
+) -> None:
+    """Interpolate three fields bilinearly, each point on the grid ``of_each``; outside, that of the nearest point.
+
+    ``fields``: Values of all grids one after the other, shape (3, n), each from ``first``; ``sizes``: Rows and columns.
+    """
+    for k in range(rows.size):
+        grid = of_each[k]
+        height, width = sizes[grid, 0], sizes[grid, 1]
+        y, x = min(max(rows[k], 0.0), height - 1.0), min(max(columns[k], 0.0), width - 1.0)
+        i, j = int(np.floor(y)), int(np.floor(x))
+        down, right = y - i, x - j
+        upper, lower = first[grid] + i * width, first[grid] + min(i + 1, height - 1) * width
+        after = min(j + 1, width - 1)
+        for n in range(3):
+            out[n][k] = (
+                fields[n, upper + j] * (1 - down) * (1 - right)
+                + fields[n, upper + after] * (1 - down) * right
+                + fields[n, lower + j] * down * (1 - right)
+                + fields[n, lower + after] * down * right
+            )
 
 
 @kernel()
