@@ -17,7 +17,7 @@ from scenetruth.raycast.ray_triangle_kernels import (
     rounding,
     write_forms,
 )
-from scenetruth.scene.texture.texture_kernels import cubic_weights, linear_at
+from scenetruth.scene.texture.texture_kernels import linear_at, spline_at
 from scenetruth.threads import in_bands
 
 __all__ = [
@@ -74,30 +74,7 @@ class LampLight(NamedTuple):
 @inlined
 def _spline_at(flat: NDArray[np.float32], rows: int, columns: int, u: float, v: float) -> Any:
     """Return 36 times the value of a spline, from its coefficients in row-major order; see `spline_lookup`."""
-    x, y = u * columns - 0.5, v * rows - 0.5
-    fx, fy = np.floor(x), np.floor(y)
-    left, top = int(fx) - 1, int(fy) - 1
-    wx0, wx1, wx2, wx3 = cubic_weights(np.float32(x - fx))
-    wy0, wy1, wy2, wy3 = cubic_weights(np.float32(y - fy))
-    # Column by column, which compilers vectorise.
-    if left >= 0 and top >= 0 and left + 3 < columns and top + 3 < rows:
-        j0, down = np.uint64(top * columns + left), np.uint64(columns)
-        j1, j2 = j0 + down, j0 + down + down
-        j3, i1, i2, i3 = j2 + down, np.uint64(1), np.uint64(2), np.uint64(3)
-        c0 = wy0 * flat[j0] + wy1 * flat[j1] + wy2 * flat[j2] + wy3 * flat[j3]
-        c1 = wy0 * flat[j0 + i1] + wy1 * flat[j1 + i1] + wy2 * flat[j2 + i1] + wy3 * flat[j3 + i1]
-        c2 = wy0 * flat[j0 + i2] + wy1 * flat[j1 + i2] + wy2 * flat[j2 + i2] + wy3 * flat[j3 + i2]
-        c3 = wy0 * flat[j0 + i3] + wy1 * flat[j1 + i3] + wy2 * flat[j2 + i3] + wy3 * flat[j3 + i3]
-    else:
-        i0, i1 = np.uint64(left % columns), np.uint64((left + 1) % columns)
-        i2, i3 = np.uint64((left + 2) % columns), np.uint64((left + 3) % columns)
-        j0, j1 = np.uint64(top % rows * columns), np.uint64((top + 1) % rows * columns)
-        j2, j3 = np.uint64((top + 2) % rows * columns), np.uint64((top + 3) % rows * columns)
-        c0 = wy0 * flat[j0 + i0] + wy1 * flat[j1 + i0] + wy2 * flat[j2 + i0] + wy3 * flat[j3 + i0]
-        c1 = wy0 * flat[j0 + i1] + wy1 * flat[j1 + i1] + wy2 * flat[j2 + i1] + wy3 * flat[j3 + i1]
-        c2 = wy0 * flat[j0 + i2] + wy1 * flat[j1 + i2] + wy2 * flat[j2 + i2] + wy3 * flat[j3 + i2]
-        c3 = wy0 * flat[j0 + i3] + wy1 * flat[j1 + i3] + wy2 * flat[j2 + i3] + wy3 * flat[j3 + i3]
-    return (wx0 * c0 + wx1 * c1) + (wx2 * c2 + wx3 * c3)
+    return spline_at(flat, rows, columns, u * columns - 0.5, v * rows - 0.5)
 
 
 def sample_raster(raster: Raster, uv: NDArray[np.float64], where: NDArray[np.int64], out: NDArray[np.float32]) -> None:
@@ -354,9 +331,11 @@ def _average_footprints(
         pixel = pixels[n]
         face = rays.face[pixel]
         body = face_body[face]
-        alone = _alone(mesh, rays, pixel, face)
-        if not (alone or known):
+        # Where intersections are determined, the pixels around matter for few faces.
+        alone = _alone(mesh, rays, pixel, face) if not known or meeting[face] else True
+        if not alone and not known:
             continue
+        asked = not known or meeting[face]
         base, left, top = pixel, 0.0, 0.0
         if regular:
             base, left, top = 0, np.float64(pixel % width), np.float64(pixel // width)
@@ -368,7 +347,7 @@ def _average_footprints(
         side = table[row, _SIDE]
         factor = _light_on(light, face, n) if lit else 1.0
         first, count = np.uint64(firsts[n]), np.uint64(counts[n])
-        whole = alone or not meeting[face]
+        whole = alone
         for edge in range(_EDGES, _U, 3):
             apart = 0.5 * (abs(table[row, edge + 1]) + abs(table[row, edge + 2]))
             whole = whole and _at(table, row, edge, left, top) - apart > table[row, _BLUR]
@@ -415,8 +394,13 @@ def _average_footprints(
                         break
                     if lit:
                         factor = _light_on(light, face, n)
-                if not found or min(w0, w1, w2) <= table[row, _BLUR] or not (alone or not meeting[face]):
+                if not found or min(w0, w1, w2) <= table[row, _BLUR]:
                     break
+                if known and meeting[face]:
+                    if not asked:
+                        alone, asked = _alone(mesh, rays, pixel, face), True
+                    if not alone:
+                        break
                 inverse = 1.0 / (w0 + w1 + w2)
                 us[sample] = _at(table, row, _U, right, below) * inverse
                 vs[sample] = _at(table, row, _V, right, below) * inverse

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.kernels import inlined, kernel
+from scenetruth.scene.texture.spline_tap_kernels import spline_value
 from scenetruth.threads import in_bands
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "linear_lookup",
     "linear_means",
     "plaid_means",
+    "spline_at",
     "spline_lookup",
     "spline_means",
 ]
@@ -32,6 +34,32 @@ def cubic_weights(share: np.float32) -> Any:
     second = np.float32(4.0) - np.float32(6.0) * share * share + np.float32(3.0) * last
     third = np.float32(4.0) - np.float32(6.0) * rest * rest + np.float32(3.0) * first
     return first, second, third, last
+
+
+@kernel(error_model="numpy")
+def _spline_across_border(
+    flat: NDArray[np.float32], rows: int, columns: int, left: int, top: int, right: np.float32, below: np.float32
+) -> Any:  # fmt: skip
+    """Return `spline_value` at a place where the spline repeats."""
+    w0, w1, w2, w3 = cubic_weights(right)
+    i0, i1, i2, i3 = left % columns, (left + 1) % columns, (left + 2) % columns, (left + 3) % columns
+    weights, c0, c1, c2, c3 = cubic_weights(below), np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    for k in range(4):
+        weight, start = weights[k], (top + k) % rows * columns
+        c0, c1 = c0 + weight * flat[start + i0], c1 + weight * flat[start + i1]
+        c2, c3 = c2 + weight * flat[start + i2], c3 + weight * flat[start + i3]
+    return (w0 * c0 + w1 * c1) + (w2 * c2 + w3 * c3)
+
+
+@inlined
+def spline_at(flat: NDArray[np.float32], rows: int, columns: int, x: float, y: float) -> Any:
+    """Return 36 times the value of a periodic spline, from its coefficients in row-major order, at x, y in texels."""
+    fx, fy = np.floor(x), np.floor(y)
+    left, top = int(fx) - 1, int(fy) - 1
+    right, below = np.float32(x - fx), np.float32(y - fy)
+    if left >= 0 and top >= 0 and left + 3 < columns and top + 3 < rows:
+        return spline_value(flat, top * columns + left, columns, right, below)
+    return _spline_across_border(flat, rows, columns, left, top, right, below)
 
 
 @inlined
@@ -123,10 +151,8 @@ def _spline_means(
     rows, columns = coefficients.shape
     flat = coefficients.ravel()
     samples = offsets.shape[0]
-    # Positions and weights of all samples first, in vectorised loops.
+    # Positions of all samples first, in a vectorised loop.
     xs, ys = np.empty(samples, dtype=np.float64), np.empty(samples, dtype=np.float64)
-    left, top = np.empty(samples, dtype=np.int64), np.empty(samples, dtype=np.int64)
-    wx, wy = np.empty((4, samples), dtype=np.float32), np.empty((4, samples), dtype=np.float32)
     for n in range(np.uint64(low), np.uint64(high)):
         u0, ux, uy = forms[n, 0, 0], forms[n, 0, 1], forms[n, 0, 2]
         v0, vx, vy = forms[n, 1, 0], forms[n, 1, 1], forms[n, 1, 2]
@@ -136,27 +162,9 @@ def _spline_means(
             scale = 1.0 / (d0 + x * dx + y * dy)
             xs[m] = (u0 + x * ux + y * uy) * scale * columns - 0.5
             ys[m] = (v0 + x * vx + y * vy) * scale * rows - 0.5
-        for m in range(samples):
-            fx, fy = np.floor(xs[m]), np.floor(ys[m])
-            left[m], top[m] = int(fx) - 1, int(fy) - 1
-            wx[0, m], wx[1, m], wx[2, m], wx[3, m] = cubic_weights(np.float32(xs[m] - fx))
-            wy[0, m], wy[1, m], wy[2, m], wy[3, m] = cubic_weights(np.float32(ys[m] - fy))
         mean = 0.0
         for m in range(samples):
-            i, j = left[m], top[m]
-            w0, w1, w2, w3 = wx[0, m], wx[1, m], wx[2, m], wx[3, m]
-            total = np.float32(0.0)
-            if i >= 0 and j >= 0 and i + 3 < columns and j + 3 < rows:
-                at = j * columns + i
-                for k in range(4):
-                    total += wy[k, m] * (w0 * flat[at] + w1 * flat[at + 1] + w2 * flat[at + 2] + w3 * flat[at + 3])
-                    at += columns
-            else:
-                c0, c1, c2, c3 = i % columns, (i + 1) % columns, (i + 2) % columns, (i + 3) % columns
-                for k in range(4):
-                    row = coefficients[(j + k) % rows]
-                    total += wy[k, m] * (w0 * row[c0] + w1 * row[c1] + w2 * row[c2] + w3 * row[c3])
-            mean += weights[m] * np.float64(total / np.float32(36.0))
+            mean += weights[m] * np.float64(spline_at(flat, rows, columns, xs[m], ys[m]) / np.float32(36.0))
         out[n] = mean
 
 
