@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.estimators.refined import between, blank_fit, every_other, with_bias
+from scenetruth.estimators.refined import between, blank_fit, every_other, find_remainders, with_bias
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_AFFINE, MOTION_PLAIN
 from tests.helpers.nightly import by_night, nightly
 from tests.helpers.wavy_plane import MovingPlane
@@ -45,6 +45,22 @@ def scaled(found: xr.Dataset, depth: Array, velocity: Array) -> Array:
 
 def motion_of(found: xr.Dataset) -> Array:
     return np.asarray(inner(found)["motion_model"].values)
+
+
+def test_single_pixels_with_a_simpler_model_than_all_around_are_not_trusted() -> None:
+    """Two halves with different models and a corner are regions; single pixels and the edge of the images are not."""
+    which = np.zeros((60, 80), dtype=np.int8)
+    which[:, 40:] = 2
+    which[:30, :40] = 2
+    known = np.ones(which.shape, dtype=np.bool_)
+    assert not find_remainders(which, [2], known, SIGMA_PX).any()
+    spots = which.copy()
+    spots[20, 60], spots[10:12, 20] = 0, 1
+    spots[45, 10] = 2
+    known[:, 78:] = False
+    spots[30, 77] = 0
+    found = find_remainders(spots, [2], known, SIGMA_PX)
+    assert np.argwhere(found).tolist() == [[10, 20], [11, 20], [20, 60], [30, 77]]
 
 
 @nightly

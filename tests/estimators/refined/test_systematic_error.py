@@ -16,6 +16,7 @@ from scenetruth.estimators.refined import (
     SystematicErrors,
     add_contradiction,
     blank_fit,
+    change_of_spans,
     extrapolation_share,
     find_open_blanks,
     is_supported,
@@ -79,9 +80,11 @@ def test_spans_are_halved_to_the_adjacent_frames() -> None:
     assert [len(part.times) for part in list_spans(stack(2, np.zeros(1)))] == [1]
 
 
-def oscillating(period: float, amplitude_mm: Array, phase: float, seed: int) -> tuple[xr.Dataset, Array]:
+def oscillating(
+    period: float, amplitude_mm: Array, phase: float, seed: int, size: tuple[int, int] = (48, 72)
+) -> tuple[xr.Dataset, Array]:
     """A plane that moves to and fro, and its velocity at the estimated frame."""
-    plane = MovingPlane(size=(48, 72), slopes=(0.1, -0.1), waves=16)
+    plane = MovingPlane(size=size, slopes=(0.1, -0.1), waves=16 if size[0] < 100 else 40)
     omega = 2 * np.pi / period
     images = np.empty((3, 9, *plane.size))
     for i, x_mm in enumerate(plane.baseline_mm * centred_indices(3)):
@@ -93,9 +96,9 @@ def oscillating(period: float, amplitude_mm: Array, phase: float, seed: int) -> 
     return make_recording(images, plane.focal_px, plane.baseline_mm), amplitude_mm * omega * np.cos(phase)
 
 
-def scores(swing: tuple[float, Array, float], seed: int) -> Array:
+def scores(swing: tuple[float, Array, float], seed: int, size: tuple[int, int] = (48, 72)) -> Array:
     """Return errors of the valid velocities in units of their stated standard deviations, shape (3, n)."""
-    recording, velocity = oscillating(*swing, seed)
+    recording, velocity = oscillating(*swing, seed, size)
     # Otherwise, the unsteady motion of the whole image would count as errors of the poses, too.
     settings = {"discontinuity_refit": False, "pose_corrections": "none"}
     found = st.estimate(recording, "refined", settings).isel(t=0)
@@ -109,6 +112,54 @@ def test_the_error_of_an_unsteady_motion_is_stated() -> None:
     for component, z in zip("XYZ", np.abs(scores(SWING, 2)), strict=True):
         assert np.mean(z > 6) < 0.02, component
         assert np.mean(z < 2) > 0.85, component
+
+
+def test_a_weak_change_of_a_whole_surface_is_seen_and_that_of_a_few_pixels_does_not_spread() -> None:
+    """Noise of 1 that is correlated as between windows of 2 nodes; a change by 0.8 everywhere or by 300 at four nodes.
+
+    The usual mean has a noise of 0.45, which hides the change: 2.5 of it are 1.1; that over 16 nodes has 0.12.
+    """
+    drawn = ndimage.gaussian_filter(np.random.default_rng(4).normal(0.0, 1.0, (80, 80)), 2.0)
+    noise = drawn / drawn.std()
+    among, variance = np.ones(noise.shape, dtype=np.bool_), np.ones((1, *noise.shape))
+    (still,), *_ = change_of_spans(noise[None], variance, among, 2.0)
+    (moved,), *_ = change_of_spans(noise[None] + 0.8, variance, among, 2.0)
+    assert still.mean() < 0.05
+    assert np.mean(moved > 0.0) > 0.95
+    assert np.median(np.sqrt(moved)) == pytest.approx(0.8, abs=0.3)
+    few = noise.copy()
+    few[40:42, 40:42] += 300.0
+    (spread,), *_ = change_of_spans(few[None], variance, among, 2.0)
+    assert spread[40, 40] > 100.0
+    assert spread[:, :8].max() < 1.0
+
+
+SWINGS = [
+    (5.6, np.array([-0.0018, -0.0022, -0.0011]), 2.34),
+    (13.9, np.array([0.0539, 0.0399, -0.2643]), 3.26),
+    (20.6, np.array([-0.0726, -0.0371, -0.2694]), 5.64),
+    (17.7, np.array([0.0056, -0.0088, 0.0018]), 5.47),
+    (11.4, np.array([0.0117, -0.0227, -0.0257]), 2.8),
+]
+
+
+@nightly
+@pytest.mark.parametrize("swing", SWINGS, ids=lambda swing: f"period of {swing[0]} frames")
+def test_errors_of_a_swing_are_as_large_as_stated(swing: tuple[float, Array, float]) -> None:
+    """Of weak swings and of strong ones, to which five or three frames are fitted."""
+    z = np.sqrt(np.mean(scores(swing, 3, (110, 150)) ** 2, axis=1))
+    assert ((z > 0.4) & (z < 1.2)).all(), z
+
+
+@nightly
+def test_growth_of_a_swing_has_no_errors_of_fits_to_more_frames() -> None:
+    """Fits to nine and five frames, over which the plane moves by several waves to and fro, explain nothing."""
+    recording, _ = oscillating(9.0, np.array([1.0, 0.2, 0.5]), 0.0, 2, (110, 150))
+    found = st.estimate(recording, "refined", discontinuity_refit=False).isel(t=0)
+    valid = found["status"].values == 2
+    assert valid.mean() > 0.3
+    z = found["growth_rate"].values[valid] / found["growth_rate_std"].values[valid]
+    assert 0.4 < np.sqrt(np.mean(z**2)) < 1.2
 
 
 @nightly

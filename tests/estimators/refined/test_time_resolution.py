@@ -42,6 +42,23 @@ def test_weights_return_the_derivative_of_a_polynomial_that_is_zero_at_the_fitte
     assert found == pytest.approx(deviation.deriv(derivative)(0.0), abs=1e-9)
 
 
+@given(
+    factors=some.lists(some.floats(-1.0, 1.0), min_size=5, max_size=5),
+    reach=some.sampled_from([2, 3]),
+    derivative=some.sampled_from([1, 2]),
+)
+def test_weights_return_the_error_of_a_parabola_by_least_squares(
+    factors: list[float], reach: int, derivative: int
+) -> None:
+    """Positions are a polynomial of fourth order; least squares by numpy."""
+    position, times = Polynomial(factors), np.arange(-reach, reach + 1.0)
+    fit = Polynomial.fit(times, position(times), 2).convert()
+    beyond = np.array([-reach - 1.0, reach + 1.0])
+    deviations = position(beyond) - position(0.0) - (fit(beyond) - fit(0.0))
+    error = position.deriv(derivative)(0.0) - fit.deriv(derivative)(0.0)
+    assert derivative_weights(times, beyond, derivative) @ deviations == pytest.approx(error, abs=1e-9)
+
+
 @pytest.mark.parametrize(
     ("times", "expected"),
     [

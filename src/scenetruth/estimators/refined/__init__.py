@@ -59,6 +59,7 @@ if TYPE_CHECKING:
         find_far,
         of_nearest_node,
     )
+    from scenetruth.estimators.refined.motion_model_selection import find_remainders
     from scenetruth.estimators.refined.noise_estimation import (
         EVEN,
         GreyVariance,
@@ -92,6 +93,7 @@ if TYPE_CHECKING:
         Quantities,
         SystematicErrors,
         add_contradiction,
+        change_of_spans,
         extrapolation_share,
         list_spans,
         polynomial_bias,
@@ -137,6 +139,7 @@ __all__ = [
     "at_nodes",
     "between",
     "blank_fit",
+    "change_of_spans",
     "choose_frames_beyond",
     "choose_tiles",
     "combine_displacements",
@@ -172,6 +175,7 @@ __all__ = [
     "find_hidden",
     "find_open_blanks",
     "find_outlines",
+    "find_remainders",
     "find_saturated_runs",
     "fine_contrast",
     "fit_bare_surfaces",
@@ -242,6 +246,7 @@ __getattr__, __dir__ = export_lazily(
         "light_edges": "FrameDifferences compare_velocities",
         "mean_image": "MeanImage find_outlines",
         "model_tests": "Alternative Linearisation at_nodes enlarged find_far of_nearest_node",
+        "motion_model_selection": "find_remainders",
         "noise_estimation": (
             "EVEN GreyVariance estimate_variance photon_transfer_variance resampled_transfer spline_transfer"
         ),
@@ -256,8 +261,8 @@ __getattr__, __dir__ = export_lazily(
         "row_bands": "FIT_LIMITS NO_OCCLUSION",
         "smooth_light": "SmoothLight",
         "systematic_error": (
-            "Quantities SystematicErrors add_contradiction extrapolation_share list_spans polynomial_bias "
-            "sees_second_camera"
+            "Quantities SystematicErrors add_contradiction change_of_spans extrapolation_share list_spans "
+            "polynomial_bias sees_second_camera"
         ),
         "tiles": "RegionImages choose_tiles margin_px spread_regions",
         "time_resolution": "choose_frames_beyond derivative_weights",

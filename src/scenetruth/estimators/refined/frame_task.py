@@ -329,6 +329,9 @@ def _fit(
     light = compare_without_smooth_light(found, settings, systematic.whole)
     if settings.discontinuity_refit:
         found, beside = refit_discontinuities(found.images, start.fields, found, settings, report)
+        if found.unresolved is not None:
+            # Smaller windows were fitted to these pixels.
+            found = replace(found, unresolved=found.unresolved & ~beside.where)
     found = add_growth_bias(found)
     fit = light.added(found.fit, beside.where, found.noise_ratio)
     found = replace(found, fit=systematic.added(fit, beside.where, found.noise_ratio))

@@ -85,6 +85,8 @@ class RefinedState:
     """Mean square bias of rotation and growth rates of the plain motion model, shape (4, y, x); None if not tested."""
     linear_fits: tuple[Fit, ...] = ()
     """Fits of fewer frames and smaller windows to pixels of the plain motion model; empty if there are none."""
+    fewer: NDArray[np.int8] | None = None
+    """Index of the span of frames of the fit in `list_spans`, shape (y, x); None: all frames everywhere."""
     unresolved: NDArray[np.bool_] | None = None
     """Where two or three frames do not resolve the motion; None if it is tested nowhere."""
     light_edges: Map | None = None

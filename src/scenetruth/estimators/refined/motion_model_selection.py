@@ -57,6 +57,7 @@ __all__ = [
     "MotionModelTrial",
     "choose_motion_model",
     "encode_motion_models",
+    "find_remainders",
     "list_motion_models",
     "refit_motion_models",
 ]
@@ -70,6 +71,8 @@ _MUCH_LESS = 0.5  # ratio of mean square residuals, after to before
 _SETTLED_PX = 0.1  # largest displacement of points in the last iteration, over all images
 # Largest number of iterations of a plane before others are tried, and fraction of the pixels that may not converge.
 _ROUNDS, _MOST_FAR = 4, 0.02
+_FINAL_ROUNDS = 3  # largest number of last iterations
+_NEARLY_ALL = 0.75  # fraction of the surroundings: a straight border between two motions has half, its corner 0.75
 _ACCELERATIONS = 2  # number of frame spans tested for an acceleration
 _RAMP_PX = 1.0  # displacement by which a surface fails to continue over half a window, twice that of a discontinuity
 _AFFINE = 3  # velocity gradient of a `Model` with all six components
@@ -199,10 +202,14 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
             affine = smooth if models[0].gradient == _AFFINE else None
             first, bent, chosen = fit_surface(motion.images, begun, models, settings, where, affine)
             begun = np.where(where & is_valid_step(theta, first), first, begun)
-            last = fit_final(motion.images, begun, models, settings, chosen, affine)
-            theta = np.where(where & is_valid_step(theta, last.fit.theta), last.fit.theta, theta)
-            with np.errstate(invalid="ignore"):
-                settled = images.moved_px(extract_fields(begun), extract_fields(last.fit.theta)) < _SETTLED_PX
+            for _ in range(_FINAL_ROUNDS):
+                last = fit_final(motion.images, begun, models, settings, chosen, affine)
+                theta = np.where(where & is_valid_step(theta, last.fit.theta), last.fit.theta, theta)
+                with np.errstate(invalid="ignore"):
+                    settled = images.moved_px(extract_fields(begun), extract_fields(last.fit.theta)) < _SETTLED_PX
+                if (where & ~settled).sum() <= _MOST_FAR * where.sum():
+                    break
+                begun = np.where(around(where, round(_MARGIN * reach)), theta, np.nan)
 
             def take(other: Mask, last: FinalIteration = last, bent: Mask = bent) -> None:
                 nonlocal seen, uneven, curved
@@ -218,9 +225,31 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
 
     noise = settings.max_residual_ratio * images.residual_noise(refined.fit.residual[0])
     fit, which = choose_motion_model(refined.fit, trials(state), tried, sigma, noise, at.step)
+    accelerated_ones = [number for number, motion in enumerate(richer, 1) if motion.settings.accelerated]
+    lost = find_remainders(which, accelerated_ones, known, sigma)
     return replace(
-        refined, fit=fit, curved=curved, seen=seen, uneven=uneven, motion=encode_motion_models(which, richer)
+        refined,
+        fit=fit,
+        curved=curved,
+        seen=seen,
+        uneven=uneven,
+        motion=encode_motion_models(which, richer),
+        unresolved=lost if lost.any() else refined.unresolved,
     )
+
+
+def find_remainders(which: NDArray[np.int8], numbers: Sequence[int], known: Mask, sigma_px: float) -> Mask:
+    """Return pixels with a simpler model than nearly all of their surroundings within a window, which have another.
+
+    The fit of that model has not converged there, or chance decided the test. ``which``: Number of the model.
+    ``numbers``: Those of the models that are compared.
+    """
+    lost, all_known = np.zeros(which.shape, dtype=np.bool_), gaussian_mean(known.astype(np.float64), sigma_px)
+    for number in numbers:
+        chosen = known & (which >= number)
+        share = gaussian_mean(chosen.astype(np.float64), sigma_px)
+        lost |= known & ~chosen & (share > _NEARLY_ALL * all_known)
+    return lost
 
 
 def encode_motion_models(which: NDArray[np.int8], richer: list[MotionModelCandidate]) -> NDArray[np.int8]:

@@ -24,6 +24,7 @@ from scenetruth.estimators.refined.fit_maps import (
     extract_fields,
     find_discontinuities,
 )
+from scenetruth.estimators.refined.growth_comparison import compare_growth
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState, fit_final, fit_round, is_valid_step, select_models
@@ -43,11 +44,13 @@ from scenetruth.estimators.refined.row_bands import around, window_weights
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_PLAIN
 
 __all__ = [
+    "LARGEST_UNTESTED",
     "OF_VELOCITY",
     "Quantities",
     "SpanGroup",
     "SystematicErrors",
     "add_contradiction",
+    "change_of_spans",
     "collect_quantities",
     "estimate_systematic_errors",
     "extrapolation_share",
@@ -221,6 +224,8 @@ def sees_second_camera(images: ImageStack, theta: Map, sigma_px: float) -> Mask:
 
 
 _LEAST_OF_SECOND = 0.5
+LARGEST_UNTESTED = 3
+"""Largest number of frames that test no motion by themselves."""
 # Number of connected areas, the largest first, and share of the disparity by which a pixel of distance counts.
 _AREAS, _PER_PIXEL = 12, 1e-4
 
@@ -245,17 +250,20 @@ def estimate_systematic_errors(
     state = fill_gaps(fit.theta, known)
     square, of_span = (np.zeros((count, *images.shape), dtype=np.float32) for _ in range(2))
     result, windows = refined, []
+    fewer = np.zeros(images.shape, dtype=np.int8)
     for group in _groups(refined, settings, spans, whole):
         begun, linear = _linear_fits(refined, group, spans, state, sigma)
         windows.append((group.where, _window_errors(refined, group, linear[0], sigma)))
         found = _span_errors(refined, group, spans, begun, linear[1:], settings)
         result, which = _with_fewer_frames(result, group, found, spans, settings)
+        fewer = np.where(group.where, which, fewer).astype(np.int8)
         for k, each in enumerate(found.squares):
             where = which == k
             square[:, where] = of_nearest_node(each, step, where)
         of_span[:, group.where] = of_nearest_node(found.of_fit, step, group.where)
     for where, each in windows:
         square[:, where] += of_nearest_node(each, step, where)
+    result = replace(result, fewer=fewer if fewer.any() else None)
     return result, SystematicErrors(square, of_span, whole, state[:FULL])
 
 
@@ -335,7 +343,9 @@ def _linear_fits(
     return state, at.fits(_alternatives(group, spans, sigma))
 
 
-def mean_change(change: Map, noise: Map, among: Mask, sigma: float, correlated: float) -> tuple[Map, Map, Map]:
+def mean_change(
+    change: Map, noise: Map, among: Mask, sigma: float, correlated: float, *, scatter: bool = True
+) -> tuple[Map, Map, Map]:
     """Return the squares of the systematic change, its significance, and the noise of the mean, for maps (n, y, x).
 
     The mean change over a wide area is compared with its noise, and so is its mean square, in which changes of both
@@ -343,6 +353,7 @@ def mean_change(change: Map, noise: Map, among: Mask, sigma: float, correlated: 
     σ² / (σ² + S²) of that of a pixel, and its mean square has 1 + 2 S² / σ² degrees of freedom.
 
     ``correlated``: Variance of the mean relative to that of a pixel.
+    ``scatter``: Whether the mean square is compared, too.
     """
     from scipy.ndimage import gaussian_filter
 
@@ -366,7 +377,7 @@ def mean_change(change: Map, noise: Map, among: Mask, sigma: float, correlated: 
         by_chance = usual * np.minimum(correlated / np.minimum(share, 1.0), 1.0)
         significant = mean**2 > _SIGNIFICANT**2 * by_chance
         limit = usual * (1.0 + _SIGNIFICANT * np.sqrt(2.0 / np.maximum(freedom * share, 1.0)))
-        scattered = of_square > limit
+        scattered = (of_square > limit) & scatter
         square[n] = np.maximum(np.where(significant, mean**2, 0.0), np.where(scattered, of_square - usual, 0.0))
         ratio[n] = np.sqrt(np.maximum(mean**2 / np.maximum(by_chance, 1e-300), np.where(scattered, 1.0, 0.0)))
         mean_noise[n] = by_chance
@@ -402,6 +413,8 @@ def _window_errors(refined: RefinedState, group: SpanGroup, smaller: Fit, sigma:
 # contain the same noise, so that little remains of it; the value allows for textures of uneven contrast.
 _OF_WINDOWS = 0.05
 _OF_SPANS = 1.0 / (1.0 + _WIDER**2)
+_COARSER = (2.0, 4.0)  # scales of averaging that show weak changes of a whole surface, in units of the usual one
+_MOST = 3.0  # largest change of a pixel in their averages, in standard deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -445,16 +458,18 @@ def _span_errors(
         quantities.append(latest)
         thetas.append(theta)
         change, noise = latest.values - before.values, _noise_of_change(before, latest)
-        square, ratio, of_mean = mean_change(change, noise, among & where[nodes], sigma / step, _OF_SPANS)
+        square, ratio, of_mean = change_of_spans(change, noise, among & where[nodes], sigma / step)
         bent = group.suited(part).accelerated
         square = _with_hidden_changes(square, ratio, of_mean)
         share = extrapolation_share(times[n - 1], times[n], accelerated=bent)[OF_VELOCITY][:, None, None]
         errors[-1] = share**2 * square
-        errors.append(np.maximum(share - 1.0, 0.0) ** 2 * square)
+        # Few frames are tested with those beyond: changes from fits that explain nothing are unlike their errors.
+        tested = len(part.times) <= LARGEST_UNTESTED and settings.acceleration == "auto"
+        errors.append((0.0 if tested else np.maximum(share - 1.0, 0.0) ** 2) * square)
         # The error of longer spans is the change to the shortest, and its own.
         for k in range(n - 1):
             change, noise = latest.values - quantities[k].values, _noise_of_change(quantities[k], latest)
-            square, *_ = mean_change(change, noise, among & where[nodes], sigma / step, _OF_SPANS)
+            square, *_ = change_of_spans(change, noise, among & where[nodes], sigma / step)
             errors[k] = np.maximum(errors[k], square + errors[-1])
         large = (ratio[[0, *range(_VELOCITY, _STEADY)]].max(axis=0) > _LARGE) | (n < group.span + 1)
         worth |= large & (n >= group.span + 1)
@@ -463,6 +478,23 @@ def _span_errors(
             break
     of_fit = errors[min(group.span, len(errors) - 1)]
     return _SpanErrors(errors, [each.variances for each in quantities], thetas, of_fit, worth & among)
+
+
+def change_of_spans(change: Map, noise: Map, among: Mask, sigma: float) -> tuple[Map, Map, Map]:
+    """Return the largest of the systematic changes over all scales and its significance, and the noise of the first.
+
+    Of a surface that moves as a whole, noise hides less of the mean change, the larger the area. Large changes of
+    single pixels do not spread over it.
+    """
+    square, ratio, of_mean = mean_change(change, noise, among, sigma, _OF_SPANS)
+    with np.errstate(invalid="ignore"):
+        most = _MOST * np.sqrt(noise)
+        clipped = np.clip(change, -most, most)
+    for scale in _COARSER:
+        correlated = 1.0 / (1.0 + (scale * _WIDER) ** 2)
+        coarse = mean_change(clipped, noise, among, scale * sigma, correlated, scatter=False)
+        square, ratio = np.maximum(square, coarse[0]), np.maximum(ratio, coarse[1])
+    return square, ratio, of_mean
 
 
 def _with_hidden_changes(square: Map, ratio: Map, of_mean: Map) -> Map:
@@ -542,6 +574,21 @@ def add_contradiction(full: Fit, fit: Fit, where: Mask, transfer: float) -> Fit:
     return fit._replace(variance=variance)
 
 
+def _growth_bias(
+    refined: RefinedState, group: SpanGroup, part: ImageStack, theta: Map, where: Mask, settings: RefinedSettings
+) -> Map | None:
+    """Return the bias of plain growth, in a mask that which noise of fewer frames may hide."""
+    if refined.growth_bias is None or not group.plain or not where.any():
+        return refined.growth_bias
+    sigma, step = settings.window_sigma_px, sample_step(settings.window_sigma_px)
+    both = (group.settings, group.settings.model_copy(update={"motion": "affine"}))
+    affine = SpanGroup(group.where, both[1], 0)
+    alternatives = [_of_span(each, part, sigma) for each in (group, affine)]
+    plain, free = _linearisation(refined, group, part, theta, where, sigma).fits(alternatives)
+    found = compare_growth(plain, free, sigma / step, where[::step, ::step], part.transfer)
+    return np.where(where, enlarged(found.bias, step, where.shape), refined.growth_bias)
+
+
 def _with_fewer_frames(
     refined: RefinedState, group: SpanGroup, found: _SpanErrors, spans: list[ImageStack], settings: RefinedSettings
 ) -> tuple[RefinedState, NDArray[np.intp]]:
@@ -585,6 +632,7 @@ def _with_fewer_frames(
             fit=chosen_fit(sound, chosen_last, result.fit),
             seen=result.seen.chosen(sound, last.seen),
             uneven=np.where(sound, last.uneven, result.uneven),
+            growth_bias=_growth_bias(result, group, part, theta, sound, settings),
         )
         which = np.where(sound, k, which)
     return result, which

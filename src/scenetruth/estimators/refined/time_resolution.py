@@ -30,6 +30,7 @@ from scenetruth.estimators.refined.lattice import sample_step
 from scenetruth.estimators.refined.model_tests import at_nodes, enlarged, find_far
 from scenetruth.estimators.refined.row_bands import around, window_weights
 from scenetruth.estimators.refined.systematic_error import (
+    LARGEST_UNTESTED,
     OF_VELOCITY,
     Quantities,
     SpanGroup,
@@ -43,8 +44,7 @@ from scenetruth.schema.variables import MOTION_ACCELERATED_IN_PART
 
 __all__ = ["LARGEST_UNTESTED", "check_time_resolution", "choose_frames_beyond", "derivative_weights", "join_frames"]
 
-LARGEST_UNTESTED = 3
-"""Largest number of frames that test no motion by themselves."""
+_TERMS = 3  # number of terms of the polynomial of a fit: position, velocity and acceleration
 # Ratio of the stated error to the difference from the polynomial: of harmonic motions, whose period is P frames, the
 # error is 0.7 (P = 20), 1.0 (P = 5) and 1.2 (P = 4) times the stated one.
 _MARGIN = 1.4
@@ -63,18 +63,25 @@ Mask = NDArray[np.bool_]
 
 
 def derivative_weights(fitted: ArrayLike, beyond: ArrayLike, derivative: int = 1) -> Map:
-    """Return the weights of deviations at times beyond, whose sum is the derivative of the deviation at time 0.
+    """Return the weights of deviations at times beyond, whose sum is the error of a derivative at time 0.
 
-    The deviation is a polynomial that is zero at the times that are fitted.
+    Positions are polynomials, with as many terms beyond those of the fit as there are deviations. The fit is a
+    parabola, or a line through two times, by least squares; deviations are relative to the position at time 0.
 
     >>> derivative_weights([-1.0, 0.0, 1.0], [2.0]).round(3).tolist()
     [-0.167]
     """
-    nodes = np.append(np.asarray(fitted, dtype=np.float64), beyond)
-    wanted = np.zeros(len(nodes))
-    wanted[derivative] = math.factorial(derivative)
-    found = np.linalg.solve(np.vander(nodes, increasing=True).T, wanted)
-    return np.asarray(found[-len(np.atleast_1d(beyond)) :])
+    times, later = (np.atleast_1d(np.asarray(each, dtype=np.float64)) for each in (fitted, beyond))
+    count = min(len(times), _TERMS)
+    powers = np.arange(count, count + len(later))
+    of_fit, *_ = np.linalg.lstsq(np.vander(times, count, increasing=True), times[:, None] ** powers)
+    # Without the position at time 0, which is common to all times.
+    of_fit[0] = 0.0
+    deviation = later[:, None] ** powers - np.vander(later, count, increasing=True) @ of_fit
+    wanted = math.factorial(derivative) * (powers == derivative)
+    if derivative < count:
+        wanted = wanted - math.factorial(derivative) * of_fit[derivative]
+    return np.asarray(np.linalg.solve(deviation.T, wanted))
 
 
 def choose_frames_beyond(times: NDArray[np.float64], fitted: NDArray[np.float64]) -> list[int]:
@@ -134,9 +141,12 @@ def _untested(refined: RefinedState, known: Mask, settings: RefinedSettings) -> 
     spans = list_spans(images)
     counts = np.array([part.count for part in spans])
     nearest = np.argmin(np.abs(counts[:, None, None] - np.nan_to_num(refined.fit.images)), axis=0)
-    own = known & (refined.motion == MOTION_ACCELERATED_IN_PART)
-    found = [(part.included(), own & (nearest == n)) for n, part in enumerate(spans)]
-    return [(part, where) for part, where in found if 1 < len(part.times) <= LARGEST_UNTESTED and where.any()]
+    nearest = np.where(refined.motion == MOTION_ACCELERATED_IN_PART, nearest, 0)
+    nearest = nearest if refined.fewer is None else np.where(refined.fewer > 0, refined.fewer, nearest)
+    found = [(part.included(), known & (nearest == n)) for n, part in enumerate(spans)]
+    return [
+        (part, where) for part, where in found if 1 < len(part.times) < len(images.included().times) and where.any()
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +192,8 @@ def _check(
     state = fill_gaps(refined.fit.theta, known)
     whole = where & ~around(find_discontinuities(part, refined.fit.theta) & ~around(~known, 1), reach)
     # Frames beyond that are part of the window did not fit: without a test, the motion is unknown.
-    of_window = len(part.times) < len(refined.images.included().times)
+    few = len(part.times) <= LARGEST_UNTESTED
+    of_window = few and len(part.times) < len(refined.images.included().times)
     if not whole.any():
         return replace(refined, unresolved=_joined(refined.unresolved, where & of_window))
     acceleration, of_noise = np.zeros((3, *images.shape)), np.zeros((3, *whole[nodes].shape))
@@ -205,7 +216,8 @@ def _check(
             tested |= own
     pixels = whole & enlarged(tested, step, whole.shape)
     seen = np.logical_or.reduce([each.seen for each in found])
-    lost = whole & enlarged(among & seen & ~tested, step, whole.shape)
+    # Residuals of more frames test the motion by themselves.
+    lost = whole & enlarged(among & seen & ~tested, step, whole.shape) & few
     unresolved = _unresolved(whole, pixels, lost) if pixels.any() else np.full(whole.shape, of_window or lost.any())
     refined = replace(refined, unresolved=_joined(refined.unresolved, where & unresolved))
     if not pixels.any():
