@@ -42,11 +42,14 @@ def list_problems(
     ``under``: Path of the input in its file.
     """
     entries = error.errors(include_url=False) if isinstance(error, ValidationError) else error
+    # Items with errors do not count as items.
+    inside = {each["loc"][:size] for each in entries for size in range(len(each["loc"]))}
+    entries = [each for each in entries if each["type"] != "too_short" or each["loc"] not in inside]
     found: dict[tuple[str, str], tuple[str, Problem]] = {}
     for entry in entries[:_MOST_PROBLEMS]:
         loc, value = entry["loc"], entry.get("input")
-        inside = ".".join(map(str, loc) if plain is None else keys_in(plain, loc, entry["type"], model))
-        path = ".".join(filter(None, (under, inside)))
+        keys = map(str, loc) if plain is None else keys_in(plain, loc, entry["type"], model)
+        path = ".".join(filter(None, (under, *keys)))
         message = (words(entry, path) if words else None) or _message(entry, path, model)
         hidden = entry["type"] == "missing" or not path or value in ((), []) or isinstance(value, BaseModel)
         problem = Problem(path, _lower(message), None if hidden else value)
