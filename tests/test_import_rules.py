@@ -32,6 +32,7 @@ LEAVES = {
     "random_streams",
     "settings",
     "threads",
+    "valid_remainder",
     "validated_model",
     "validation_problems",
 }
@@ -44,6 +45,7 @@ MAY_IMPORT = {
     "plain_data": {"errors"},
     "validated_model": set(),
     "validation_problems": {"errors"},
+    "valid_remainder": {"errors", "validation_problems"},
     "discovery": set(),
     "indexing": set(),
     "input_files": set(),
@@ -145,7 +147,7 @@ SCENE_MAY_IMPORT = {
     "suggestions": {"scene_models"},
     "yaml_reader": set(),
     "scene_repair": {"texture", "material", "scene_models"},
-    "scene_loader": {"yaml_reader", "scene_models", "scene_repair", "suggestions"},
+    "scene_loader": {"yaml_reader", "field_paths", "scene_models", "scene_repair", "suggestions"},
     "built_scene": {
         *("taylor", "motion", "deformation", "mesh", "surface_tensor_kernels", "reference_configuration"),
         *("vertex_animation", "texture", "material", "scene_object", "scene_models", "band_textures"),

@@ -66,6 +66,12 @@ def problems_of(plain: dict[str, Any], under: str = "") -> list[str]:
             {"count": True},
             "count: must be a number, not a boolean; YAML reads yes, no, on and off as booleans, too (got 'true')",
         ),
+        ({"count": "3,5"}, "count: must be an integer, without a decimal comma (got '3,5')"),
+        (
+            {"named": {"a": {"radius_mm": "0.5 mm"}}},
+            "named.a.radius_mm: must be a number without a unit: 0.5 (got '0.5 mm')",
+        ),
+        ({"shapes": [{"kind": None}]}, "shapes.0: `kind` must be one of 'disc', 'bar' (got {'kind': None})"),
         ({"count": None}, "count: is empty; fill it in, or remove the key"),
         ({"shapes": {"kind": "bar"}}, "shapes: must be a list; write [...] around a single item (got {'kind': 'bar'})"),
         ({"named": {"x": 3}}, "named.x: must be a mapping of its fields (got 3)"),

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 __all__ = [
-    "ArgumentError", "BackendUnavailableError", "CaptureError", "CaptureWarning", "DesignSpecError", "EstimateError",
-    "EstimateWarning", "ExportError", "MachineError", "MismatchError", "OutputExistsError", "Problem", "RecipeError",
-    "RecordingError", "RenderError", "SceneError", "SceneWarning", "ScenetruthError", "ScoreError", "StoreError",
-    "visible",
+    "ArgumentError", "BackendUnavailableError", "CaptureError", "CaptureWarning", "CollectedErrors", "DesignSpecError",
+    "EstimateError", "EstimateWarning", "ExportError", "MachineError", "MismatchError", "OutputExistsError", "Problem",
+    "RecipeError", "RecordingError", "RenderError", "SceneError", "SceneWarning", "ScenetruthError", "ScoreError",
+    "StoreError", "visible",
 ]  # fmt: skip
 
 
@@ -566,3 +567,50 @@ class CaptureWarning(UserWarning):
     >>> [str(one.message) for one in caught]
     ['s1_t0.png: is missing']
     """
+
+
+class CollectedErrors:
+    """Errors of independent checks, which are raised together.
+
+    >>> found = CollectedErrors()
+    >>> for name in ("workers", "seeds"):
+    ...     with found.collect():
+    ...         raise ArgumentError([Problem(name, "must be positive")])
+    >>> found.raise_all()
+    Traceback (most recent call last):
+    ...
+    scenetruth.errors.ArgumentError: 2 problems with the arguments:
+      - workers: must be positive
+      - seeds: must be positive
+    """
+
+    def __init__(self) -> None:
+        self._errors: list[_ProblemListError] = []
+
+    def __bool__(self) -> bool:
+        return bool(self._errors)
+
+    @contextmanager
+    def collect(self) -> Iterator[None]:
+        """Collect the error of a check, if it has one."""
+        try:
+            yield
+        except _ProblemListError as error:
+            self._errors.append(error)
+
+    def raise_all(self) -> None:
+        """Raise the collected errors as one: of their class if it is common to all, otherwise an `ArgumentError`."""
+        if not self._errors:
+            return
+        if len(self._errors) == 1:
+            raise self._errors[0]
+        kinds, sources = {type(each) for each in self._errors}, {each.source for each in self._errors}
+        kind = kinds.pop() if len(kinds) == 1 else ArgumentError
+        source = sources.pop() if len(sources) == 1 else None
+        problems = [
+            each if source is not None or error.source is None or not isinstance(error, SceneError)
+            else Problem(f"{error.source}: {each.path or '(top level)'}", each.message, each.value)
+            for error in self._errors
+            for each in error.problems
+        ]  # fmt: skip
+        raise kind(problems, source=source)

@@ -42,11 +42,14 @@ def list_problems(
     ``under``: Path of the input in its file.
     """
     entries = error.errors(include_url=False) if isinstance(error, ValidationError) else error
+    # Items with errors do not count as items.
+    inside = {each["loc"][:size] for each in entries for size in range(len(each["loc"]))}
+    entries = [each for each in entries if each["type"] != "too_short" or each["loc"] not in inside]
     found: dict[tuple[str, str], tuple[str, Problem]] = {}
     for entry in entries[:_MOST_PROBLEMS]:
         loc, value = entry["loc"], entry.get("input")
-        inside = ".".join(map(str, loc) if plain is None else keys_in(plain, loc, entry["type"], model))
-        path = ".".join(filter(None, (under, inside)))
+        keys = map(str, loc) if plain is None else keys_in(plain, loc, entry["type"], model)
+        path = ".".join(filter(None, (under, *keys)))
         message = (words(entry, path) if words else None) or _message(entry, path, model)
         hidden = entry["type"] == "missing" or not path or value in ((), []) or isinstance(value, BaseModel)
         problem = Problem(path, _lower(message), None if hidden else value)
@@ -105,8 +108,12 @@ def _message(entry: ErrorDetails, path: str, model: type[BaseModel] | None) -> s
             return "unknown key" + (suggest_word(str(entry["loc"][-1]), known) or _valid_keys(known))
         case kind if value is None and path and (kind.endswith("_type") or kind == "literal_error"):
             return "is empty; fill it in, or remove the key"
-        case "float_parsing" | "int_parsing" | "int_from_float" if _has_decimal_comma(value):
+        case "int_parsing" if _has_decimal_comma(value):
+            return "must be an integer, without a decimal comma"
+        case "float_parsing" if _has_decimal_comma(value):
             return f"must be a number with a decimal point: {str(value).strip().replace(',', '.')}"
+        case "float_parsing" | "int_parsing" if number := _number_with_unit(value):
+            return f"must be a number without a unit: {number}"
         case "float_parsing" | "int_parsing" if value in ("true", "false"):
             return "must be a number, not a boolean; YAML reads yes, no, on and off as booleans, too"
         case "too_long" if isinstance(value, list | tuple) and all(isinstance(each, int | float) for each in value):
@@ -115,12 +122,14 @@ def _message(entry: ErrorDetails, path: str, model: type[BaseModel] | None) -> s
             return "must be a list; write [...] around a single item"
         case "model_type" | "model_attributes_type" | "dict_type" | "dataclass_type":
             return "must be a mapping of its fields"
-        case "string_type" if isinstance(value, int | float):
-            return "must be text; put it in quotes"
+        case "string_type":
+            return "must be text; put it in quotes" if isinstance(value, int | float) else "must be text"
         case "literal_error":
             return message + suggest_word(value, re.findall(r"'([^']*)'", message))
         case "union_tag_invalid":
             kinds, tag = entry["ctx"]["expected_tags"], entry["ctx"]["tag"]
+            if isinstance(value, Mapping) and not isinstance(value.get("kind"), str):
+                return f"`kind` must be one of {kinds}"
             return f"unknown `kind`: '{tag}' is not one of {kinds}" + suggest_word(tag, re.findall(r"'([^']*)'", kinds))
         case "union_tag_not_found":
             kinds = [kind for each in _models_at(model, entry["loc"]) for kind in _kinds_of(each)] if model else []
@@ -130,6 +139,13 @@ def _message(entry: ErrorDetails, path: str, model: type[BaseModel] | None) -> s
 
 def _has_decimal_comma(value: Any) -> bool:
     return isinstance(value, str) and re.fullmatch(r"\s*[+-]?\d+,\d+\s*", value) is not None
+
+
+def _number_with_unit(value: Any) -> str:
+    """Return the number of a text such as ``5 mm``; an empty text for others."""
+    number = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+    found = re.fullmatch(rf"\s*({number})\s*[^\W\d_°%][\w°%/^²³·*-]*\s*", value) if isinstance(value, str) else None
+    return found[1] if found else ""
 
 
 def _valid_keys(known: Sequence[str]) -> str:

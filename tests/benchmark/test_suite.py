@@ -329,3 +329,15 @@ def test_a_killed_comparison_goes_on(tmp_path: Path) -> None:
     pd.testing.assert_frame_equal(figures(tmp_path / "killed"), figures(tmp_path / "calm"))
     points = tmp_path / "killed" / "points"
     assert [path for path in points.rglob("*") if path.suffix not in (".json", ".npz") and path.is_file()] == []
+
+
+def test_mistakes_do_not_hide_each_other() -> None:
+    """Of methods, cases, levels, seeds and workers."""
+    with pytest.raises(ArgumentError) as caught:
+        compare(["refind", "refined[window: 3]"], cases=["noise", "nois"], seeds=0, suite="fast", workers=0)
+    paths = [problem.path for problem in caught.value.problems]
+    assert paths[-4:] == ["suite", "cases", "seeds", "workers"]
+    assert len(paths) == 6
+    with pytest.raises(ArgumentError) as caught:
+        compare("refind", cases=["noise"], levels=["high"])
+    assert len(caught.value.problems) == 2

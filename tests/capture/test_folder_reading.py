@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import tifffile
+from hypothesis import assume, given, settings
+from hypothesis import strategies as some
 
 import scenetruth
 from scenetruth.capture import check_capture, import_capture, open_capture
@@ -287,3 +290,63 @@ def test_a_focal_length_in_mm_in_the_capture_file_is_asked_for(captured: Capture
     assert "units" in check_capture(captured.folder).mistakes("warning")
     with pytest.warns(scenetruth.SceneWarning, match=r"focal_length_px: 6\.2 px .* is it in mm\?"):
         import_capture(captured.folder)
+
+
+PLANTED: dict[str, tuple[dict[str, Any], str]] = {
+    "wrong type": ({"camera.line_time_s": "slow"}, "camera.line_time_s"),
+    "misspelt key": ({"camera.hight": 3}, "camera.hight"),
+    "out of range": ({"camera.bit_depth": 40}, "camera.bit_depth"),
+    "misspelt section": ({"boards": {}}, "boards"),
+    "stage out of range": ({"stage.time_per_position_s": -1}, "stage.time_per_position_s"),
+    "two distances": ({"distance_mm": -5}, "distance_mm"),
+    "missing positions": ({"stage.positions_file": "none.csv"}, "stage.positions_file"),
+    "missing times": ({"frames.times": "file", "frames.times_file": "none.csv"}, "frames.times_file"),
+    "missing mask": ({"files.mask": "none.png"}, "files.mask"),
+    "missing strip": ({"strip": {"file": "none.csv"}}, "strip.file"),
+    "strip out of range": ({"strip.scale_std": -1.0, "strip.file": "strip.csv"}, "strip.scale_std"),
+    "pattern without files": ({"files.flat": "flut/*.tif"}, "files.flat"),
+    "pattern with an unknown field": ({"files.static": "static/{pose}.tif"}, "files.static"),
+    "board without a description": ({"files.board": "none/{pose}.tif"}, ""),
+    "broken file": ({}, "dark/broken.tif"),
+}
+
+
+def planted(folder: Path, plain: dict[str, Any], names: Iterable[str]) -> None:
+    """Write a capture file with mistakes."""
+    plain = json.loads(json.dumps(plain))
+    (folder / "strip.csv").write_text("x_mm,y_mm,z_mm\n0,0,0\n")
+    broken = folder / "dark" / "broken.tif"
+    broken.unlink(missing_ok=True)
+    for name in names:
+        if name == "broken file":
+            broken.write_bytes(b"II*")
+        for path, value in PLANTED[name][0].items():
+            *above, last = path.split(".")
+            owner = plain
+            for key in above:
+                owner = owner.setdefault(key, {})
+            owner[last] = value
+    (folder / "capture.yaml").write_text(json.dumps(plain))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> CapturedFolder:
+    return write_capture(tmp_path_factory.mktemp("planted") / "lab", 5, shape=(12, 16), positions=2, frames=2)
+
+
+@settings(max_examples=12, deadline=None)
+@given(names=some.lists(some.sampled_from(sorted(PLANTED)), min_size=1, unique=True))
+def test_mistakes_do_not_hide_each_other(whole: CapturedFolder, names: list[str]) -> None:
+    # The last has the file of the first.
+    assume(not {"missing strip", "strip out of range"} <= {*names})
+    planted(whole.folder, whole.plain, names)
+    with pytest.raises(CaptureError) as caught:
+        open_capture(whole.folder)
+    found = [problem.path for problem in caught.value.problems]
+
+    def is_of(name: str, path: str) -> bool:
+        where = PLANTED[name][1]
+        return path.startswith(where) if where else path in ("", "files.board")
+
+    assert [name for name in names if not any(is_of(name, path) for path in found)] == []
+    assert [path for path in found if not any(is_of(name, path) for name in names)] == []

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import copy
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as some
 
 import scenetruth as st
 from scenetruth.resources import Limits, load_checked_scene
-from tests.helpers.nightly import by_night
+from tests.helpers.nightly import by_night, nightly
 from tests.helpers.scenes import SCENES, bright_scene
 
 DELETED = "deleted"
@@ -111,3 +113,72 @@ def test_overrides_that_cannot_be_applied_hide_no_other_problem(tmp_path: Path) 
     paths = [problem.path for problem in caught.value.problems]
     # The second would have replaced the width.
     assert paths == ["--set objects.9.name", "--set camera.width", "stage.positions", "seed"]
+
+
+WRONG: dict[str, tuple[type | tuple[type, ...], Callable[[Any], Any]]] = {
+    "type": (object, lambda value: "x" if isinstance(value, dict) else {"x": 1}),
+    "negative": ((int, float), lambda value: -abs(value) - 1),
+    "not a number": ((int, float), lambda _: float("nan")),
+    "infinite": ((int, float), lambda _: float("inf")),
+    "huge": ((int, float), lambda value: value * 10**15),
+    "with unit": ((int, float), lambda value: f"{value} mm"),
+    "decimal comma": ((int, float), lambda value: f"{value},5"),
+    "too short": (list, lambda value: value[:-1]),
+    "too long": (list, lambda value: value + value[-1:]),
+    "equal items": (list, lambda value: value[:1] * len(value)),
+    "in a list": ((int, float, str, dict), lambda value: [value]),
+    "empty": (object, lambda _: None),
+    "boolean": ((int, float, str), lambda _: True),
+}
+
+
+def corrupted(plain: dict[str, Any], where: tuple[str | int, ...], kind: str) -> bool:
+    """Replace, remove or misspell a field; return whether the kind of mistake exists for it."""
+    owner: Any = plain
+    for key in where[:-1]:
+        owner = owner[key]
+    last = where[-1]
+    if kind in (DELETED, "misspelt"):
+        if not isinstance(owner, dict):
+            return False
+        value = owner.pop(last)
+        if kind == "misspelt":
+            owner[f"{last}x"] = value
+        return True
+    types, wrong = WRONG[kind]
+    if not isinstance(owner[last], types):
+        return False
+    owner[last] = wrong(owner[last])
+    return True
+
+
+def part_of(where: tuple[str | int, ...]) -> str:
+    """Return the part of a scene that is validated as a whole."""
+    if where[0] in ("objects", "plants"):
+        return ".".join(map(str, where[:2]))
+    return "time" if where[0] in ("stage", "frames") else str(where[0])
+
+
+@nightly
+@pytest.mark.parametrize("source", sorted(SCENES.glob("*.yaml")), ids=lambda file: file.stem)
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(data=some.data())
+def test_two_mistakes_have_the_problems_of_each(
+    source: Path, data: some.DataObject, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Any mistakes in two parts of a bundled scene: no problem is hidden, and none is added."""
+    monkeypatch.chdir(SCENES)
+    whole = yaml.safe_load(source.read_text(encoding="utf-8"))
+    draw = some.tuples(some.sampled_from(list(paths_in(whole))), some.sampled_from([DELETED, "misspelt", *WRONG]))
+    one, two = data.draw(draw), data.draw(draw)
+    assume(part_of(one[0]) != part_of(two[0]))
+    # A whole list has parts.
+    assume(one[0][0] != two[0][0] or min(len(one[0]), len(two[0])) > 1)
+    found = []
+    for mistakes in ([one], [two], [one, two]):
+        plain = copy.deepcopy(whole)
+        assume(all(corrupted(plain, *mistake) for mistake in mistakes))
+        found.append({problem.path for problem in problems_of(plain)})
+    first, second, both = found
+    if first and second:
+        assert both == first | second

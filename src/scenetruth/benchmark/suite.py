@@ -13,7 +13,7 @@ from scenetruth.benchmark.benchmark_tasks import BenchmarkTask, list_design_poin
 from scenetruth.benchmark.cases.case import SUITES, BenchmarkRecord, Case, all_cases, select_cases
 from scenetruth.benchmark.design_point import list_realisations, read_error_maps, simulate_point
 from scenetruth.benchmark.error_statistics import compute_efficiency_records
-from scenetruth.errors import ArgumentError, EstimateError, Problem
+from scenetruth.errors import ArgumentError, CollectedErrors, EstimateError, Problem
 from scenetruth.estimators.external import recording_key, write_recording
 from scenetruth.estimators.method_specs import MethodLike, MethodSpec, read_methods
 from scenetruth.jobs.executors import describe_pickling_error, resolve_workers
@@ -118,13 +118,20 @@ def compare(
     >>> bool(row.ci_low < row.value < row.ci_high), row.unit
     (True, 'px/frame')
     """
-    contestants = read_methods(methods)
-    chosen = select_available_cases(suite, cases, levels)
-    if seeds is not None and (wrong := seed_problems(seeds, _MAX_SEEDS)):
-        raise ArgumentError(wrong)
+    contestants: list[MethodSpec] = []
+    errors = CollectedErrors()
+    with errors.collect():
+        contestants = read_methods(methods)
+    with errors.collect():
+        chosen = select_available_cases(suite, cases, levels)
+    with errors.collect():
+        if seeds is not None and (wrong := seed_problems(seeds, _MAX_SEEDS)):
+            raise ArgumentError(wrong)
+    with errors.collect():
+        resolve_workers(workers)
+        _refuse_what_cannot_travel(contestants, workers, scheduler)
+    errors.raise_all()
     numbers = range(seeds) if isinstance(seeds, int) else seeds
-    resolve_workers(workers)
-    _refuse_what_cannot_travel(contestants, workers, scheduler)
     identity = {"format": 1, "suite": suite, "methods": [one.spelled for one in contestants]}
     with _FOLDER.open(output, identity, other=_describe_other, scheduler=scheduler) as place:
         points = list_design_points(chosen, suite, levels, numbers)
@@ -211,9 +218,11 @@ def select_available_cases(
         chosen = select_cases(cases)
     except ArgumentError as error:
         problems += error.problems
+        chosen = select_cases([name for name in cases or () if name in all_cases()])
     named = cases is not None
-    if named and not problems:
-        problems += [problem for case in chosen for problem in _unfit(case, suite, values)]
+    if named and suite in SUITES:
+        known = values if len(chosen) == 1 else None
+        problems += [problem for case in chosen for problem in _unfit(case, suite, known)]
     if problems:
         raise ArgumentError(problems)
     if not named:

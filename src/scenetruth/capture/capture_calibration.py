@@ -36,7 +36,7 @@ from scenetruth.capture.calibration import (
 )
 from scenetruth.capture.calibration.corner_detection import opencv
 from scenetruth.capture.calibration.rig_model import INTRINSICS
-from scenetruth.capture.capture_file import CaptureLike, load_capture
+from scenetruth.capture.capture_file import CaptureLike
 from scenetruth.capture.file_patterns import read_pattern
 from scenetruth.capture.folder_reading import CaptureFolder, measurement_hash, open_capture, read_table
 from scenetruth.capture.measurement_check import compare_measurement
@@ -151,7 +151,7 @@ def calibrate_capture(
     for file in () if output is None else output_files(Path(output)):
         check_output(file, overwrite=overwrite)
     calibration, solution = calibrate_folder(
-        open_capture(load_capture(capture)), guess=guess, std=std, distortion=distortion, progress=progress
+        open_capture(capture), guess=guess, std=std, distortion=distortion, progress=progress
     )
     if output is not None:
         save_calibration(calibration, solution, Path(output), overwrite=overwrite)

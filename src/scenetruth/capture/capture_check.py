@@ -17,9 +17,9 @@ from scenetruth.capture.board_check import (
     saturated_boards,
     sharpness,
 )
-from scenetruth.capture.capture_file import CaptureLike, load_capture
+from scenetruth.capture.capture_file import CaptureLike
 from scenetruth.capture.corrections import PatternMatch
-from scenetruth.capture.folder_reading import CaptureFolder, open_capture
+from scenetruth.capture.folder_reading import CaptureFolder, load_checked_capture, open_capture
 from scenetruth.capture.image_reading import FrameMoments
 from scenetruth.capture.ingest import list_missing
 from scenetruth.capture.radiometry import GammaFit, SensorNoise, measure_noise
@@ -173,7 +173,7 @@ def check_capture(capture: CaptureLike, *, progress: Progress | None = None) -> 
     >>> report.mistakes("error", "warning")
     ['saturated', 'missing_image']
     """
-    capture = load_capture(capture)
+    capture = load_checked_capture(capture)
     try:
         folder = open_capture(capture)
     except CaptureError as error:

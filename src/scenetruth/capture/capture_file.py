@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -25,9 +26,9 @@ from scenetruth.capture.image_reading import PixelFormat
 from scenetruth.errors import CaptureError, Problem
 from scenetruth.input_files import InputFile, validation_context
 from scenetruth.plain_data import plain_problems
-from scenetruth.scene import Overrides, read_input
+from scenetruth.scene import Overrides, join_override_problems, override, read_input
+from scenetruth.valid_remainder import FieldRepair, Keys, copied, read_model
 from scenetruth.validated_model import Finite, FrozenModel, NonNegative, Positive
-from scenetruth.validation_problems import list_problems
 
 __all__ = [
     "CAPTURE_FILE",
@@ -37,9 +38,11 @@ __all__ = [
     "CaptureFiles",
     "CaptureFrames",
     "CaptureLike",
+    "CaptureReading",
     "CaptureStage",
     "StripSection",
     "load_capture",
+    "read_capture",
 ]
 
 CAPTURE_FILE = "capture.yaml"
@@ -318,17 +321,96 @@ class Capture(FrozenModel):
         ...     print(error.problems[0])
         camera.hight: unknown key; did you mean 'height'? (got 480)
         """
-        if not isinstance(values, Mapping):
-            raise CaptureError([Problem("", "must be a mapping of camera, stage, frames, files", values)], source)
-        problems = plain_problems(values)
-        if problems:
-            raise CaptureError(problems, source)
-        try:
-            capture = cls.model_validate(dict(values), context=validation_context(folder))
-        except ValidationError as error:
-            raise CaptureError(list_problems(error, values, model=cls), source) from error
+        return _validated(values, source, folder).required()
+
+
+@dataclass(frozen=True, eq=False)
+class CaptureReading:
+    """A capture with its problems; with problems of its fields, its valid remainder.
+
+    ``repair``: Paths of the fields with errors.
+    """
+
+    capture: Capture | None
+    problems: tuple[Problem, ...]
+    repair: FieldRepair
+    source: str | Path | None = None
+
+    def required(self) -> Capture:
+        """Return the capture, or raise an error with all problems."""
+        if self.capture is None or self.problems:
+            raise CaptureError(self.problems, self.source)
+        return self.capture
+
+
+_STEPS = ("positions", "positions_mm", "baseline_mm")
+
+
+class _CaptureRepair(FieldRepair):
+    """Values of a capture, in which fields with errors are removed or replaced."""
+
+    required: ClassVar[Mapping[str, Any]] = {
+        "camera.width": 64,
+        "camera.height": 48,
+        "stage": {"positions": 1, "baseline_mm": 1.0},
+        "frames": {"count": 1},
+        "frames.count": 1,
+        "files.images": f"{{row}}_{{s}}_{{t}}_{{{TIME_FIELD}:%Y}}.png",
+        "board": {"kind": "checkerboard", "squares": [4, 4], "square_mm": 5.0},
+    }
+
+    def apply(self, keys: Keys, error: str) -> None:
+        """Remove or replace a field with an error; of files that contradict the stage, the pattern of the images."""
+        if tuple(keys) == ("files",) and isinstance(self.plain.get("files"), dict):
+            self.done.add((error, *keys))
+            super().apply(("files", "images"), error)
+            return
+        if tuple(keys[:1]) == ("stage",) and keys[1:2] and keys[1] in _STEPS:
+            # They determine each other.
+            self.done.add((error, *keys))
+            self.wrong.add(tuple(keys))
+            keys = ("stage",)
+        tables = self._tables(keys)
+        super().apply(keys, error)
+        if len(keys) == 1:
+            for section, fields in tables.items():
+                self.plain[section] |= fields
+
+    def is_shown(self, keys: Keys, error: str) -> bool:
+        """Return whether an error that follows a repair is one of the capture."""
+        if tuple(keys) == ("files",) and self.is_wrong("files", "images"):
+            return False
+        return super().is_shown(keys, error) and (bool(keys) or not self.is_wrong("board"))
+
+    def resolve(self) -> None:
+        """Add a board where its images have a pattern, and remove one without a pattern."""
+        if (self.plain.get("files") or {}).get("board") is None:
+            self.plain.pop("board", None)
+        else:
+            self.plain["board"] = copied(self.required["board"])
+
+    def _tables(self, keys: Keys) -> dict[str, dict[str, Any]]:
+        """Return the tables that a section names, which do not depend on its other fields."""
+        found = {}
+        for section, name, more in (("stage", "positions_file", {}), ("frames", "times_file", {"times": "file"})):
+            given = self.plain.get(section)
+            if tuple(keys) == (section,) and isinstance(given, dict) and isinstance(given.get(name), str):
+                found[section] = {name: given[name], **more}
+        return found
+
+
+def _validated(values: Any, source: str | Path | None = None, folder: Path | None = None) -> CaptureReading:
+    if not isinstance(values, Mapping):
+        problem = Problem("", "must be a mapping of camera, stage, frames, files", values)
+        return CaptureReading(None, (problem,), _CaptureRepair({}), source)
+    repair = _CaptureRepair(values)
+    problems = plain_problems(values)
+    if problems:
+        return CaptureReading(None, tuple(problems), repair, source)
+    capture, problems = read_model(Capture, values, repair, context=validation_context(folder))
+    if capture is not None:
         capture._folder = folder
-        return capture
+    return CaptureReading(capture, tuple(problems), repair, source)
 
 
 CaptureLike = Capture | Mapping[str, Any] | str | PathLike[str]
@@ -375,17 +457,21 @@ def load_capture(capture: CaptureLike, *, overrides: Overrides = ()) -> Capture:
     ...     load_capture(folder).stage.positions
     5
     """
+    return read_capture(capture, overrides=overrides).required()
+
+
+def read_capture(capture: CaptureLike, *, overrides: Overrides = ()) -> CaptureReading:
+    """Read a capture as `load_capture` does, without an error for one that is invalid."""
     if isinstance(capture, Capture) and not overrides:
-        return capture
-    if isinstance(capture, Capture):
-        folder, given = capture._folder, capture.to_dict()
-        plain, source, _ = read_input(given, "a capture file", CaptureError, overrides=overrides)
-        return Capture.from_dict(plain, source=source, folder=folder)
-    if isinstance(capture, str | PathLike) and Path(capture).is_dir():
-        file = Path(capture) / CAPTURE_FILE
+        return CaptureReading(capture, (), _CaptureRepair({}))
+    given: Any = capture.to_dict() if isinstance(capture, Capture) else capture
+    if isinstance(given, str | PathLike) and Path(given).is_dir():
+        file = Path(given) / CAPTURE_FILE
         if not file.exists():
-            message = f"has no {CAPTURE_FILE}; write one: scenetruth capture init {capture}"
-            raise CaptureError([Problem("FOLDER", message, str(capture))])
-        capture = file
-    plain, source, folder = read_input(capture, "a capture file", CaptureError, overrides=overrides)
-    return Capture.from_dict(plain, source=source, folder=folder)
+            message = f"has no {CAPTURE_FILE}; write one: scenetruth capture init {given}"
+            raise CaptureError([Problem("FOLDER", message, str(given))])
+        given = file
+    plain, source, folder = read_input(given, "a capture file", CaptureError)
+    plain, wrong = override(plain, overrides)
+    reading = _validated(plain, source, capture._folder if isinstance(capture, Capture) else folder)
+    return replace(reading, problems=tuple(join_override_problems(wrong, reading.problems)))

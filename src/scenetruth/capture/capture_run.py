@@ -29,7 +29,7 @@ from scenetruth.capture.capture_calibration import (
     start_values,
 )
 from scenetruth.capture.capture_check import CaptureReport, check_capture
-from scenetruth.capture.capture_file import CaptureLike, load_capture
+from scenetruth.capture.capture_file import CaptureLike
 from scenetruth.capture.capture_import import import_capture
 from scenetruth.capture.folder_reading import CaptureFolder, open_capture
 from scenetruth.capture.report import CaptureResults, write_capture_page
@@ -170,7 +170,7 @@ def run_capture(
     CaptureError
     """
     spec = read_method(method)
-    folder = open_capture(load_capture(capture))
+    folder = open_capture(capture)
     with offered_methods([spec]):
         run = _Run(folder, Path(output), spec, (guess, std, distortion), limits or Limits(), progress)
         run.refuse(overwrite=overwrite)

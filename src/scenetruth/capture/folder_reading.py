@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from scenetruth.camera import StageErrors
 from scenetruth.capture.calibration import RigCalibration
-from scenetruth.capture.capture_file import Capture, CaptureLike, load_capture
+from scenetruth.capture.capture_file import Capture, CaptureCamera, CaptureLike, CaptureReading, read_capture
 from scenetruth.capture.corrections import FixedPatternCorrection, correction_problems
 from scenetruth.capture.file_patterns import IMAGE_SUFFIXES, TIME_FIELD, FilePattern, list_names, read_pattern
 from scenetruth.capture.image_reading import (
@@ -44,7 +44,7 @@ from scenetruth.scene.picture_file import PictureFileError
 from scenetruth.schema import tolerance_attributes
 from scenetruth.schema.plausible_units import describe_distance, describe_rig
 
-__all__ = ["CaptureFolder", "FrameSet", "measurement_hash", "open_capture", "read_table"]
+__all__ = ["CaptureFolder", "FrameSet", "load_checked_capture", "measurement_hash", "open_capture", "read_table"]
 
 Floats = NDArray[np.float64]
 
@@ -293,6 +293,62 @@ def measurement_hash(images: ImageSeries) -> str:
     return hashlib.sha256(b"".join(contents)).hexdigest()
 
 
+def load_checked_capture(capture: CaptureLike) -> Capture:
+    """Load a capture as `load_capture` does; the error of an invalid one also lists the problems of its files."""
+    reading = read_capture(capture)
+    if reading.problems and reading.capture is not None:
+        raise CaptureError([*reading.problems, *_find_file_problems(reading)], source=reading.source)
+    return reading.required()
+
+
+def _find_file_problems(reading: CaptureReading) -> list[Problem]:
+    """Return the problems of the files that the valid fields of an invalid capture name."""
+    capture, is_wrong = reading.capture, reading.repair.is_wrong
+    assert capture is not None
+    problems = _table_problems(capture)
+    try:
+        names = _list_images(capture)
+    except CaptureError as error:
+        return [*problems, *error.problems]
+    camera = None if is_wrong("camera") else capture.camera
+    for name, fields in _PATTERN_FIELDS.items():
+        text = getattr(capture.files, name)
+        if text is None or ("files", name) in reading.repair.wrong or ("files",) in reading.repair.wrong:
+            continue
+        matched = read_pattern(text, fields).matches(names)
+        if not matched:
+            problems.append(Problem(f"files.{name}", no_match_message(read_pattern(text, fields), names), text))
+        problems += _checked_headers(capture.folder, [one.name for one in matched], camera)[1]
+    return problems
+
+
+def _list_images(capture: Capture) -> list[str]:
+    folder = capture.folder
+    try:
+        return list_names(folder, suffixes=IMAGE_SUFFIXES) if folder.is_dir() else []
+    except (OSError, ValueError) as error:
+        raise CaptureError([Problem("", f"the folder cannot be used: {error}")], source=folder) from error
+
+
+def _table_problems(capture: Capture) -> list[Problem]:
+    """Return the problems of tables and of the mask that do not depend on the images."""
+    problems: list[Problem] = []
+    stage, frames, files = capture.stage, capture.frames, capture.files
+    if stage.positions_file is not None:
+        read_table(Path(stage.positions_file), ("s", "x_mm"), "stage.positions_file", problems)
+    if frames.times_file is not None:
+        names = ("row", "s", "t", "time_s") if stage.rows > 1 else ("s", "t", "time_s")
+        read_table(Path(frames.times_file), names, "frames.times_file", problems)
+    if capture.strip is not None:
+        read_table(Path(capture.strip.file), ("x_mm", "y_mm", "z_mm"), "strip.file", problems)
+    if files.mask is not None:
+        try:
+            read_pixels(Path(files.mask))
+        except PictureFileError as error:
+            problems.append(Problem("files.mask", str(error), files.mask))
+    return problems
+
+
 def open_capture(capture: CaptureLike) -> CaptureFolder:
     """Return the files of a capture after a check of their names and headers.
 
@@ -301,19 +357,16 @@ def open_capture(capture: CaptureLike) -> CaptureFolder:
     CaptureError
         If files are missing as a whole, or any of them cannot be used; lists every problem.
     """
-    capture = load_capture(capture)
+    capture = load_checked_capture(capture)
     folder, files = capture.folder, capture.files
-    try:
-        names = list_names(folder, suffixes=IMAGE_SUFFIXES) if folder.is_dir() else []
-    except (OSError, ValueError) as error:
-        raise CaptureError([Problem("", f"the folder cannot be used: {error}")], source=folder) from error
+    names = _list_images(capture)
     size, pixels = (capture.camera.width, capture.camera.height), capture.camera.pixels
     problems: list[Problem] = []
     images = None
     try:
         images = collect_images(
             folder,
-            read_pattern(files.images, ("s", "t", "row", TIME_FIELD)),
+            read_pattern(files.images, _PATTERN_FIELDS["images"]),
             pixels,
             rows=capture.stage.rows,
             positions=capture.stage.positions,
@@ -330,23 +383,31 @@ def open_capture(capture: CaptureLike) -> CaptureFolder:
     for name in _SETS:
         text = getattr(files, name)
         if text is not None:
-            found = _frame_set(name, folder, read_pattern(text, ("level",)), names, capture, problems)
+            found = _frame_set(name, folder, read_pattern(text, _PATTERN_FIELDS[name]), names, capture, problems)
             if found is not None:
                 sets[name] = found if images is None else replace(found, used_bits=images.used_bits)
     board: dict[tuple[int, int, int], str] = {}
     if files.board is not None:
-        pattern = read_pattern(files.board, ("pose", "s", "row"))
+        pattern = read_pattern(files.board, _PATTERN_FIELDS["board"])
         matched = pattern.matches(names)
         if not matched:
             problems.append(Problem("files.board", no_match_message(pattern, names), files.board))
-        _, found_problems = _checked_headers(folder, [one.name for one in matched], pixels, size)
+        _, found_problems = _checked_headers(folder, [one.name for one in matched], capture.camera)
         problems += found_problems
         for one in matched:
             pose, row, s = one.index("pose", "row", "s")
             board[pose, row, s] = one.name
+    problems += _table_problems(capture)
     if problems or images is None:
         raise CaptureError(problems, source=folder)
     return CaptureFolder(capture, images, sets, board)
+
+
+_PATTERN_FIELDS = {
+    "images": ("s", "t", "row", TIME_FIELD),
+    "board": ("pose", "s", "row"),
+    **dict.fromkeys(_SETS, ("level",)),
+}
 
 
 def _frame_set(
@@ -367,20 +428,22 @@ def _frame_set(
             message = f"has {len(stated)} times for the {len(levels)} levels of {path}"
             problems.append(Problem("files.exposure_times_s", message, list(stated)))
         times = dict(zip(sorted(levels), stated, strict=False))
-    size, pixels = (capture.camera.width, capture.camera.height), capture.camera.pixels
-    headers, found = _checked_headers(folder, [one.name for one in matched], pixels, size)
+    headers, found = _checked_headers(folder, [one.name for one in matched], capture.camera)
     problems += found
-    return FrameSet(folder, {level: tuple(files) for level, files in sorted(levels.items())}, headers, pixels, times)
+    ordered = {level: tuple(files) for level, files in sorted(levels.items())}
+    return FrameSet(folder, ordered, headers, capture.camera.pixels, times)
 
 
 def _checked_headers(
-    folder: Path, names: Sequence[str], pixels: PixelFormat, size: tuple[int, int]
+    folder: Path, names: Sequence[str], camera: CaptureCamera | None
 ) -> tuple[dict[str, ImageHeader], list[Problem]]:
+    """Return the headers of files and their problems; without a camera, of those that cannot be read."""
     headers, problems = {}, []
     for name in names:
         try:
             headers[name] = read_header(folder / name)
-            problems += header_problems(name, headers[name], pixels, size)
+            if camera is not None:
+                problems += header_problems(name, headers[name], camera.pixels, (camera.width, camera.height))
         except PictureFileError as error:
             problems.append(Problem(name, str(error)))
     return headers, problems

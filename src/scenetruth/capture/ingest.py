@@ -187,8 +187,6 @@ def collect_images(
             remedy = {"s": ": give first_position", "t": ": give first_frame"}.get(name, "")
             message = f"the indices {{{name}}} of the files {why}{remedy if 'open' in why else ''}"
             problems.append(Problem(path, message, pattern.text))
-    if problems:
-        raise CaptureError(problems, source=folder)
     files: dict[Index, MatchedFile] = {}
     for one in matched:
         row, s, t = one.index(*_FIELDS)
@@ -199,7 +197,7 @@ def collect_images(
             problems.append(Problem(path, message, pattern.text))
         files.setdefault(index, one)
     present = [name for name in _FIELDS if name in pattern.fields]
-    missing = missing_names(pattern, {name: ranges[name] for name in present}, matched)
+    missing = [] if problems else missing_names(pattern, {name: ranges[name] for name in present}, matched)
     headers, found = _read_headers(folder, files.values())
     problems += found
     if headers:

@@ -276,29 +276,40 @@ def sweep(
     from scenetruth.cli.console import reporting
     from scenetruth.design.sweeps import sweep as make_sweep
     from scenetruth.design.sweeps.factors import split_assignments
-    from scenetruth.errors import ArgumentError
+    from scenetruth.design.sweeps.sweep_plan import build_plan
+    from scenetruth.errors import ArgumentError, CollectedErrors
     from scenetruth.resources.limits import limits_from
 
     varied, problems = split_assignments(vary or ())
     counted = design_options.parse_seeds(seeds, problems)
-    if problems:
-        raise ArgumentError(problems, source="a sweep")
-    changes = list(overrides or ())
-    if not methods:
-        options.read_settings(settings)
-        changes += [f"estimate.{setting}" for setting in settings or ()]
+    changes, errors = list(overrides or ()), CollectedErrors()
+    chosen: list[MethodSpec] = []
+    with errors.collect():
+        if problems:
+            raise ArgumentError(problems, source="a sweep")
+    with errors.collect():
+        most = limits_from(limits or ())
+    with errors.collect():
+        if not methods:
+            options.read_settings(settings)
+            changes += [f"estimate.{setting}" for setting in settings or ()]
+        chosen = options.with_settings(methods or (), settings)
+    if errors and varied:
+        with errors.collect():
+            build_plan(scenes, varied, counted or 1, sobol_points, overrides=changes, own_methods=not methods)
+    errors.raise_all()
     with reporting() as reporter:
         found = make_sweep(
             scenes,
             varied,
-            methods=options.with_settings(methods or (), settings) or None,
+            methods=chosen or None,
             output=output,
             seeds=counted,
             sobol_points=sobol_points,
             overrides=changes,
             workers=workers,
             scheduler=scheduler,
-            limits=limits_from(limits or ()),
+            limits=most,
             progress=reporter,
         )
     _print_best(found, region)

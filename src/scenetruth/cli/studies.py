@@ -43,8 +43,9 @@ def compare(
 ) -> None:
     """Run methods on the benchmark suite and report error statistics with their lower bounds."""
     from scenetruth.benchmark import compare as compare_methods
+    from scenetruth.benchmark.suite import select_available_cases
     from scenetruth.cli.console import reporting
-    from scenetruth.errors import EstimateError, Problem
+    from scenetruth.errors import CollectedErrors, EstimateError, Problem
     from scenetruth.estimators.external import CommandMethod, ResultsFolder
     from scenetruth.resources.limits import limits_from
 
@@ -57,20 +58,36 @@ def compare(
             )
         print_wrote(output, f"{len(written)} recordings")
         return
-    chosen: list[Any] = options.with_settings(methods or (), settings)
-    for label, words in _labelled("--command", command):
-        chosen.append(CommandMethod(words, label, timeout_s=command_timeout_s, memory_mb=command_memory_mb))
-    chosen += [ResultsFolder(folder, label) for label, folder in _labelled("--results", external_results)]
-    if not chosen:
-        raise EstimateError([Problem("METHOD", "is missing; `scenetruth list methods` lists the installed methods")])
+    chosen: list[Any] = []
+    errors = CollectedErrors()
+    with errors.collect():
+        chosen += options.with_settings(methods or (), settings)
+    with errors.collect():
+        for label, words in _labelled("--command", command):
+            chosen.append(CommandMethod(words, label, timeout_s=command_timeout_s, memory_mb=command_memory_mb))
+    with errors.collect():
+        chosen += [ResultsFolder(folder, label) for label, folder in _labelled("--results", external_results)]
+    with errors.collect():
+        if not chosen and not errors:
+            raise EstimateError(
+                [Problem("METHOD", "is missing; `scenetruth list methods` lists the installed methods")]
+            )
+    with errors.collect():
+        counted = design_options.read_seeds(seeds)
+    with errors.collect():
+        most = limits_from(limits or ())
+    if errors:
+        with errors.collect():
+            select_available_cases(suite.value, cases or None, levels or None)
+    errors.raise_all()
     with reporting() as reporter:
         found = compare_methods(
             chosen,
             suite=suite.value,
             cases=cases or None,
             levels=levels or None,
-            seeds=design_options.read_seeds(seeds),
-            limits=limits_from(limits or ()),
+            seeds=counted,
+            limits=most,
             output=output,
             workers=workers,
             scheduler=scheduler,

@@ -6,22 +6,24 @@ import difflib
 import errno
 import os
 import re
+from collections import Counter
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-from pydantic import ConfigDict, PrivateAttr, ValidationError
+from pydantic import ConfigDict, PrivateAttr
 from pydantic_core import ErrorDetails
 
 from scenetruth.dataset.recipe_model import PATH_PATTERN, RecipeModel
-from scenetruth.dataset.sampler import Sampler
+from scenetruth.dataset.recipe_validation import range_problems
+from scenetruth.dataset.sampler import Sampler, Unexamined
 from scenetruth.errors import Problem, RecipeError, SceneError
 from scenetruth.input_files import bundled_file, bundled_files, validation_context
 from scenetruth.plain_data import plain_problems
-from scenetruth.scene import Overrides, Scene, load_scene, read_input
-from scenetruth.scene.field_paths import PathError, assign, expand
-from scenetruth.validation_problems import list_problems
+from scenetruth.scene import Overrides, Scene, join_override_problems, override, read_input, read_scene
+from scenetruth.scene.scene_loader import SceneReading, change_scene, validate_scene
+from scenetruth.valid_remainder import FieldRepair, read_model
 
 __all__ = ["Recipe", "RecipeLike", "load_recipe"]
 
@@ -92,35 +94,50 @@ class Recipe(RecipeModel):
         >>> len(sampler), sampler.draw(41).values == sampler.draw(41).values, sampler.draw(41).scene()
         (100, True, Scene(30 x 25 px; 2 positions x 1 frames; objects: wall))
         """
+        recipe, problems = cls._read(values, folder)
+        if problems or recipe is None:
+            raise RecipeError(problems, source=source)
+        return recipe
+
+    @classmethod
+    def _read(cls, values: Any, folder: Path | None) -> tuple[Recipe | None, list[Problem]]:
+        """Return a recipe with its base scenes, or its problems."""
         if not isinstance(values, Mapping):
-            raise RecipeError([Problem("", f"must be {_MAPPING}", values)], source=source)
+            return None, [Problem("", f"must be {_MAPPING}", values)]
         problems = plain_problems(values)
         if problems:
-            raise RecipeError(problems, source=source)
+            return None, problems
         named = values.get("folder")
         if folder is not None and (named is None or isinstance(named, str)):
             # Absolute, because the recipe of a data set is read elsewhere.
             values = {**values, "folder": str((folder / (named or "")).resolve())}
-        try:
-            recipe = cls.model_validate(dict(values), context=validation_context(folder))
-        except ValidationError as error:
-            found = list_problems(error, values, model=cls, words=_words)
-            problems = [*found, *_missing_bases(values, folder)]
-            raise RecipeError(problems, source=source) from error
+        if "base" in values and not isinstance(values["base"], list | tuple):
+            values = {**values, "base": [values["base"]]}
+        repair = _RecipeRepair(values)
+        recipe, problems = read_model(cls, values, repair, context=validation_context(folder), words=_words)
+        if recipe is None:
+            return None, [*problems, *_missing_bases(values, folder)]
+        hidden = repair.hidden_values()
         for where, entry in [(f"parameters.{key}", item) for key, item in recipe.parameters.items()] + [
             (f"distributions.{key}", item) for key, item in recipe.distributions.items()
         ]:
-            problems += [Problem(f"{where}.{one.path}", one.message, one.value) for one in entry.problems()]
-        bases = [_base(recipe, number, folder, problems) for number in range(len(recipe.base))]
+            found = [Problem(f"{where}.{one.path}", one.message, one.value) for one in entry.problems()]
+            hidden |= {where.partition(".")[2], entry.name or ""} if found else set()
+            problems += found
+        numbers = repair.indices("base")
+        bases = [_base(recipe, place, number, folder, problems) for place, number in enumerate(numbers)]
+        kept = [(number, *each) for number, each in zip(numbers, bases, strict=True) if each is not None]
+        changed = {each[1] for each in repair.wrong if each[:1] == ("set",) and len(each) > 1}
+        parts = tuple(frozenset({*wrong, *changed}) for _, _, wrong in kept)
+        recipe._bases = tuple(scene for _, scene, _ in kept)
+        unexamined = Unexamined(frozenset(hidden), parts, tuple(number for number, _, _ in kept))
+        sampler = Sampler(recipe, recipe._bases, unexamined)
+        # Problems that depend on the base scenes are reported too.
+        problems += sampler.problems
         if problems:
-            raise RecipeError(problems, source=source)
-        recipe._bases = tuple(base for base in bases if base is not None)
-        try:
-            # Problems that depend on the base scenes are reported too.
-            recipe.sampler()
-        except RecipeError as error:
-            raise RecipeError(error.problems, source=source) from error
-        return recipe
+            problems += range_problems(sampler)
+        # Several base scenes may have the same.
+        return recipe, [each for number, each in enumerate(problems) if each not in problems[:number]]
 
     def sampler(self) -> Sampler:
         """Return the sampler of the recipe."""
@@ -181,26 +198,81 @@ def load_recipe(recipe: RecipeLike, *, overrides: Overrides = ()) -> Recipe:
     if isinstance(recipe, Recipe) and not overrides:
         return recipe
     given = recipe.to_dict() if isinstance(recipe, RecipeModel) else recipe
-    plain, source, folder = read_input(given, "a recipe", RecipeError, within="datasets", overrides=overrides)
-    return Recipe.from_dict(plain, source=source, folder=folder)
+    plain, source, folder = read_input(given, "a recipe", RecipeError, within="datasets")
+    plain, wrong = override(plain, overrides)
+    found, problems = Recipe._read(plain, folder)
+    problems = join_override_problems(wrong, problems)
+    if problems or found is None:
+        raise RecipeError(problems, source=source)
+    return found
 
 
-def _base(recipe: RecipeModel, number: int, folder: Path | None, problems: list[Problem]) -> Scene | None:
-    """Return a base scene with the shared changes applied, or add its problems."""
-    given = recipe.base[number].scene
-    where = f"base.{number}"
+class _RecipeRepair(FieldRepair):
+    """Values of a recipe, in which fields with errors are removed or replaced."""
+
+    required: ClassVar[Mapping[str, Any]] = {"name": "recipe", "base": [{"scene": {}}], "samples": 1}
+
+    def __init__(self, plain: Mapping[str, Any]) -> None:
+        super().__init__(plain)
+        self._values = plain
+
+    def resolve(self) -> None:
+        """Remove values with names that are not unique, and changes of varied fields."""
+        varied = self._names()
+        twice = {name for name, count in Counter(name for _, _, names in varied for name in names).items() if count > 1}
+        for group, key, names in varied:
+            if twice & {*names}:
+                self.plain[group].pop(key, None)
+                self.wrong.add((group, key))
+        for key in {*self.plain.get("set", {})} & {*self.plain.get("distributions", {})}:
+            del self.plain["set"][key]
+            self.wrong.add(("set", key))
+
+    def _names(self) -> list[tuple[str, str, list[str]]]:
+        """Return group and key of all values with the names that must be unique."""
+        found = []
+        for group in ("parameters", "distributions"):
+            for key, entry in self.plain.get(group, {}).items():
+                name = entry.get("name") if isinstance(entry, Mapping) else None
+                found.append((group, key, [key, *([name] if name else [])]))
+        return found
+
+    def hidden_values(self) -> set[str]:
+        """Return paths and names of all values with errors, as far as the errors leave them."""
+        found = {""}
+        for group, key, *_ in (each for each in self.wrong if len(each) > 1):
+            if group in ("parameters", "distributions"):
+                entry = self._values[group].get(key)
+                name = entry.get("name") if isinstance(entry, Mapping) else None
+                found |= {key, name} if isinstance(name, str) else {key}
+        for group in ("parameters", "distributions"):
+            if (group,) in self.wrong:
+                found |= set(map(str, self._values.get(group) or ()))
+        return found
+
+
+def _base(
+    recipe: RecipeModel, place: int, number: int, folder: Path | None, problems: list[Problem]
+) -> tuple[Scene, frozenset[str]] | None:
+    """Return a base scene with the shared changes applied, and its parts with problems; None if there is no scene.
+
+    ``place``: Its index among the base scenes without errors. ``number``: Its index in the recipe.
+    """
+    given = recipe.base[place].scene
+    where, source = f"base.{number}", f" ({given})" if isinstance(given, str) else ""
     try:
-        scene = load_scene(given) if isinstance(given, str) else Scene.from_dict(given, folder=folder)
-        return _changed(scene, recipe)
+        reading = read_scene(given) if isinstance(given, str) else validate_scene(given, folder=folder)
     except SceneError as error:
-        for one in error.problems:
-            path = one.path if one.path.startswith("set.") else ".".join(filter(None, (where, one.path)))
-            if isinstance(given, str) and not one.path and one.message == _NOT_THERE:
-                problems.append(Problem(path, _no_such_scene(given), given))
-                continue
-            text = f"{one.message} ({given})" if isinstance(given, str) else one.message
-            problems.append(Problem(path, text, one.value))
-        return None
+        reading = SceneReading(None, error.problems)
+    changed = change_scene(reading, recipe.set, None if recipe.folder is None else Path(recipe.folder))
+    for one in changed.problems:
+        if isinstance(given, str) and not one.path and one.message == _NOT_THERE:
+            problems.append(Problem(where, _no_such_scene(given), given))
+        else:
+            path = ".".join(filter(None, (where, one.path)))
+            problems.append(Problem(path, f"{one.message}{source}", one.value))
+    problems += [Problem(f"set.{one.path}", one.message, one.value) for one in changed.misplaced]
+    return None if changed.scene is None else (changed.scene, changed.wrong)
 
 
 def _missing_bases(plain: Mapping[str, Any], folder: Path | None) -> list[Problem]:
@@ -224,22 +296,6 @@ def _no_such_scene(given: str) -> str:
     near = [f"'{name}'" for name in difflib.get_close_matches(path.name.lower(), shipped, n=3)]
     question = f"; did you mean {' or '.join(near)}?" if near else ";"
     return f"no such file or bundled scene{question} `scenetruth list scenes` lists all"
-
-
-def _changed(scene: Scene, recipe: RecipeModel) -> Scene:
-    if not recipe.set:
-        return scene
-    plain = scene.to_dict()
-    problems = []
-    for path, value in recipe.set.items():
-        try:
-            for place in expand(plain, path):
-                assign(plain, place, value)
-        except PathError as error:
-            problems.append(Problem(f"set.{path}", str(error), value))
-    if problems:
-        raise SceneError(problems)
-    return Scene.from_dict(plain, folder=None if recipe.folder is None else Path(recipe.folder))
 
 
 def _words(entry: ErrorDetails, path: str) -> str | None:

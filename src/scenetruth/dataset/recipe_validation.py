@@ -64,9 +64,9 @@ def range_problems(sampler: Sampler) -> list[Problem]:
     def add(where: str, message: str, value: Any) -> None:
         problems.setdefault((where, message), Problem(where, message, value))
 
-    folder = sampler.recipe.folder
+    folder, hidden = sampler.recipe.folder, sampler.unexamined
     for number in range(len(sampler.bases)):
-        of = f" (in base {number})" if len(sampler.bases) > 1 else ""
+        of = sampler.place_of(number)
         try:
             middle = sampler.middle(number)
             known = {(one.path, one.message) for one in _scene_problems(middle, folder)}
@@ -77,19 +77,23 @@ def range_problems(sampler: Sampler) -> list[Problem]:
         tried = [
             (f"{item.where}.{part}", item.places, value)
             for item in sampler.varied
-            if item.places and not isinstance(item.distribution, DerivedDistribution)
+            if item.places and not isinstance(item.distribution, DerivedDistribution) and sampler.is_examined(item, {})
             for part, value in item.distribution.trials()
         ]
         tried += [(f"paired_factors.{path}", places, value) for path, places, value in sampler.ladders]
+        if hidden is not None:
+            tried = [each for each in tried if not any(hidden.has(number, place) for place in each[1])]
         entries = set[tuple[str, str]]()
         for where, places, value in tried:
             for one in _problems_with(middle, places, value, folder):
+                if hidden is not None and hidden.has(number, one.path):
+                    continue
                 own = any(_is_inside(one.path, place) for place in places)
                 if own or (one.path, one.message) not in known:
                     add(where, f"{one.message if one.path in places else f'{one.path}: {one.message}'}{of}", one.value)
                     entries.add((one.path, one.message))
         for one in _scene_problems(middle, folder):
-            if (one.path, one.message) not in entries:
+            if (one.path, one.message) not in entries and not (hidden and hidden.has(number, one.path)):
                 add(one.path, f"{one.message}, with every value in the middle of its range{of}", one.value)
     return list(problems.values())[:_MAX_LISTED]
 

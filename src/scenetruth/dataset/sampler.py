@@ -162,18 +162,43 @@ def build_drawn_scene(plain: Mapping[str, Any], folder: str | None) -> Scene:
     return Scene.from_dict(plain, folder=None if folder is None else Path(folder))
 
 
-class Sampler:
-    """Draws the samples of a recipe independently of each other; the shared changes are applied to ``bases``."""
+@dataclass(frozen=True)
+class Unexamined:
+    """Parts of an invalid recipe whose problems are reported already.
 
-    def __init__(self, recipe: RecipeModel, bases: Sequence[Scene]) -> None:
+    ``keys``: Paths and names of values. ``parts``: Parts of each base scene (``camera``, ``objects.0``), or fields.
+    ``numbers``: Number of each base scene in the recipe.
+    """
+
+    keys: frozenset[str]
+    parts: tuple[frozenset[str], ...]
+    numbers: tuple[int, ...]
+
+    def has(self, number: int, path: str) -> bool:
+        """Return whether a path leads into one of the parts of a base scene, or to all of it."""
+        return any(
+            f"{path}.".startswith(f"{part}.") or f"{part}.".startswith(f"{path}.") for part in self.parts[number]
+        )
+
+
+class Sampler:
+    """Draws the samples of a recipe independently of each other; the shared changes are applied to ``bases``.
+
+    ``unexamined``: Parts of an invalid recipe; the sampler then lists its ``problems`` instead of raising them.
+    """
+
+    def __init__(self, recipe: RecipeModel, bases: Sequence[Scene], unexamined: Unexamined | None = None) -> None:
         self.recipe, self.bases = recipe, tuple(bases)
+        self.unexamined = unexamined
         self._plain = [base.to_dict() for base in self.bases]
+        self._misplaced: set[str] = set()
         problems: list[Problem] = []
         self.varied = tuple(self._varied(problems))
         self.ladders = tuple(self._ladders(problems))
         self._refuse_unknown_hold_outs(problems)
         self._order = self._sorted(problems)
-        if problems:
+        self.problems = tuple(problems)
+        if problems and unexamined is None:
             raise RecipeError(problems)
         random = {
             item.key: item.distribution for item in self.varied if isinstance(item.distribution, RandomDistribution)
@@ -216,10 +241,24 @@ class Sampler:
         """Return a scene as plain values, with every varied field at the centre of its distribution."""
         named: dict[str, Any] = {}
         for item in self._order:
+            if not self.is_examined(item, named):
+                continue
             named[item.key] = value = self._get_middle_value(item, named)
             if item.name:
                 named[item.name] = value
-        return self._scene_with(base, {item.key: named[item.key] for item in self.varied})
+        return self._scene_with(base, named)
+
+    def is_examined(self, item: VariedField, named: Mapping[str, Any]) -> bool:
+        """Return whether a value of an invalid recipe, and all that it depends on, has no problem."""
+        if self.unexamined is None:
+            return True
+        has_all = not isinstance(item.distribution, DerivedDistribution) or item.distribution.needs() <= named.keys()
+        return has_all and item.where not in self._misplaced and item.key not in self.unexamined.keys
+
+    def place_of(self, number: int) -> str:
+        """Return the end of a message with the number of a base scene; empty if there is one only."""
+        number = number if self.unexamined is None else self.unexamined.numbers[number]
+        return f" (in base {number})" if len(self.recipe.base) > 1 else ""
 
     @cached_property
     def _last_accepted(self) -> dict[int, Draw]:
@@ -284,8 +323,9 @@ class Sampler:
     def _scene_with(self, base: int, values: Mapping[str, Any]) -> dict[str, Any]:
         plain = copy.deepcopy(self._plain[base])
         for item in self.varied:
-            for place in item.places:
-                self._put(plain, place, values[item.key])
+            for place in item.places if item.key in values else ():
+                if self.unexamined is None or not self.unexamined.has(base, place):
+                    self._put(plain, place, values[item.key])
         return plain
 
     def _draw_base(self, draw: int, attempt: int) -> int:
@@ -361,8 +401,9 @@ class Sampler:
 
     def _ladders(self, problems: list[Problem]) -> Iterator[tuple[str, tuple[str, ...], Any]]:
         for path, values in self.recipe.paired_factors.items():
-            places = tuple(self._places(path, f"paired_factors.{path}", problems))
-            for value in values:
+            where = f"paired_factors.{path}"
+            places = tuple(self._places(path, where, problems))
+            for value in values if where not in self._misplaced else ():
                 yield path, places, value
 
     def _places(self, path: str, where: str, problems: list[Problem]) -> list[str]:
@@ -371,8 +412,9 @@ class Sampler:
             try:
                 found |= dict.fromkeys(expand(plain, path))
             except PathError as error:
-                of = f" (in base {number})" if len(self._plain) > 1 else ""
-                problems.append(Problem(where, f"{error}{of}"))
+                self._misplaced.add(where)
+                if self.unexamined is None or not self.unexamined.has(number, path):
+                    problems.append(Problem(where, f"{error}{self.place_of(number)}"))
         return list(found)
 
     def _refuse_unknown_hold_outs(self, problems: list[Problem]) -> None:
@@ -382,21 +424,25 @@ class Sampler:
         for key in self.recipe.hold_out:
             matching = [one for one in keys if one == names.get(key, key) or _matches(one, key)]
             self._held[key] = tuple(matching)
-            if not matching:
+            hidden = self.unexamined is not None and (key in self.unexamined.keys or "*" in key)
+            if not matching and not hidden:
                 message = f"is neither the path nor the name of a varied value; varied values: {', '.join(keys)}"
                 problems.append(Problem(f"hold_out.{key}", message))
 
     def _sorted(self, problems: list[Problem]) -> list[VariedField]:
+        hidden = frozenset() if self.unexamined is None else self.unexamined.keys
         known = {item.key for item in self.varied} | {item.name for item in self.varied if item.name}
         left, done, order = list(self.varied), set[str](), list[VariedField]()
+        undefined = set[str]()
         for item in left:
             if isinstance(item.distribution, DerivedDistribution):
-                unknown = sorted(item.distribution.needs() - known)
+                unknown = sorted(item.distribution.needs() - known - hidden)
+                undefined |= {*unknown, *(item.distribution.needs() & (hidden - known))}
                 if unknown:
                     message = f"uses undefined values: {', '.join(unknown)}; defined values: "
-                    message += ", ".join(sorted(one.name for one in self.varied if one.name)) or "none"
+                    message += ", ".join(sorted({one.name for one in self.varied if one.name})) or "none"
                     problems.append(Problem(item.where, message))
-                    return []
+        done |= undefined
         while left:
             ready = [
                 item

@@ -7,6 +7,7 @@ from scenetruth.resources.enforcement import (
     load_checked_scene,
     machine_problems,
     raising_all_problems,
+    read_checked_scene,
     refuse_beyond_limits,
     refuse_resources,
 )
@@ -17,6 +18,6 @@ from scenetruth.resources.workload import MethodWorkload, ObjectWorkload, Record
 __all__ = [
     "Forecast", "Limits", "Machine", "MethodWorkload", "ObjectWorkload", "RecordingWorkload", "StageForecast",
     "Workload", "build_checked_scene", "compute_workload", "estimate_cost", "inspect_machine", "limited_objects",
-    "limits_from", "load_checked_scene", "machine_problems", "raising_all_problems", "refuse_beyond_limits",
-    "refuse_resources",
+    "limits_from", "load_checked_scene", "machine_problems", "raising_all_problems", "read_checked_scene",
+    "refuse_beyond_limits", "refuse_resources",
 ]  # fmt: skip

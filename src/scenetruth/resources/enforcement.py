@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from scenetruth.errors import MachineError, Problem, SceneError
@@ -13,7 +14,7 @@ from scenetruth.resources.quick_preview import preview_with_problems
 from scenetruth.resources.system import Machine
 from scenetruth.resources.workload import ObjectWorkload, limit_problems, list_object_workloads, object_problems
 from scenetruth.scene.built_scene import BuiltScene, build_scene
-from scenetruth.scene.scene_loader import Overrides, SceneLike, read_scene
+from scenetruth.scene.scene_loader import Overrides, SceneLike, SceneReading, read_scene
 from scenetruth.scene.scene_models import Scene
 from scenetruth.scene.scene_report import check_scene, find_problems_of_contents, find_setting_problems
 
@@ -24,6 +25,7 @@ __all__ = [
     "load_checked_scene",
     "machine_problems",
     "raising_all_problems",
+    "read_checked_scene",
     "refuse_beyond_limits",
     "refuse_resources",
 ]
@@ -37,12 +39,17 @@ def load_checked_scene(scene: SceneLike, *, overrides: Overrides = (), limits: L
 
     ``limits``: Limits that its contents must meet; None if they are not checked here.
     """
+    return read_checked_scene(scene, overrides=overrides, limits=limits).required()
+
+
+def read_checked_scene(scene: SceneLike, *, overrides: Overrides = (), limits: Limits | None = None) -> SceneReading:
+    """Read a scene as `read_scene` does; the problems of an invalid scene include those of its contents."""
     reading = read_scene(scene, overrides=overrides)
-    if reading.problems and reading.remainder is not None:
-        rest = reading.remainder
-        problems = _joined(reading.problems, find_problems(rest.scene, limits, without=rest.shapeless))
-        raise SceneError(problems, source=reading.source)
-    return reading.required()
+    rest = reading.remainder
+    if not reading.problems or rest is None:
+        return reading
+    problems = _joined(reading.problems, find_problems(rest.scene, limits, without=rest.shapeless))
+    return replace(reading, problems=tuple(problems))
 
 
 def build_checked_scene(scene: Scene, *, painted: bool = True) -> BuiltScene:

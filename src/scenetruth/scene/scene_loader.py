@@ -17,13 +17,17 @@ from scenetruth.errors import EstimateError, Problem, SceneError
 from scenetruth.estimators import choose
 from scenetruth.input_files import bundled_file, validation_context
 from scenetruth.plain_data import plain_problems
+from scenetruth.scene.field_paths import PathError, assign, expand
 from scenetruth.scene.scene_models import Scene
 from scenetruth.scene.scene_repair import SceneRemainder, find_remainder
 from scenetruth.scene.suggestions import suggest_key, suggest_setting
 from scenetruth.scene.yaml_reader import MAX_YAML_BYTES, InputProblemError, read_file, read_yaml
 from scenetruth.validation_problems import keys_in, list_problems, suggest_word
 
-__all__ = ["Overrides", "SceneLike", "SceneReading", "apply_overrides", "load_scene", "read_input", "read_scene"]
+__all__ = [
+    "ChangedScene", "Overrides", "SceneLike", "SceneReading", "apply_overrides", "change_scene",
+    "join_override_problems", "load_scene", "override", "part_of", "read_input", "read_scene", "validate_scene",
+]  # fmt: skip
 
 
 SceneLike = Scene | Mapping[str, Any] | str | PathLike[str]
@@ -94,6 +98,13 @@ class SceneReading:
     source: str | Path | None = None
     remainder: SceneRemainder | None = None
 
+    @property
+    def valid_part(self) -> Scene | None:
+        """The scene, or the valid part of an invalid scene."""
+        if self.problems:
+            return None if self.remainder is None else self.remainder.scene
+        return self.scene
+
     def required(self) -> Scene:
         """Return the scene, or raise an error with all problems."""
         if self.scene is None or self.problems:
@@ -107,18 +118,21 @@ def read_scene(scene: SceneLike, *, overrides: Overrides = ()) -> SceneReading:
         return SceneReading(scene)
     given = scene.to_dict() if isinstance(scene, Scene) else scene
     plain, source, folder = read_input(given, "a scene file", SceneError)
-    wrong: dict[str, list[Problem]] = {}
-    if overrides and isinstance(plain, Mapping):
-        plain = copy.deepcopy(dict(plain))
-        wrong = _override(plain, overrides)
-    reading = _validate(plain, source, folder)
+    plain, wrong = override(plain, overrides)
+    reading = validate_scene(plain, source, folder)
     if not wrong:
         return reading
-    # An override that was not applied might have corrected the field.
-    found = [each for each in reading.problems if not any(_are_nested(each.path, path) for path in wrong)]
-    problems = (*(problem for each in wrong.values() for problem in each), *found)
     remainder = reading.remainder or (None if reading.scene is None else SceneRemainder(reading.scene, frozenset()))
-    return SceneReading(None, problems, source, remainder)
+    return SceneReading(None, tuple(join_override_problems(wrong, reading.problems)), source, remainder)
+
+
+def join_override_problems(wrong: Mapping[str, Sequence[Problem]], found: Sequence[Problem]) -> list[Problem]:
+    """Return the problems of overrides that were not applied, and those of fields that they might not have corrected.
+
+    ``wrong``: Problems of overrides by path. ``found``: Problems of the input.
+    """
+    others = [each for each in found if not any(_are_nested(each.path, path) for path in wrong)]
+    return [*(problem for each in wrong.values() for problem in each), *others]
 
 
 def _are_nested(one: str, other: str) -> bool:
@@ -126,25 +140,70 @@ def _are_nested(one: str, other: str) -> bool:
     return f"{one}.".startswith(f"{other}.") or f"{other}.".startswith(f"{one}.")
 
 
+@dataclass(frozen=True, eq=False)
+class ChangedScene:
+    """A scene with changes, None if it has no valid part, and its problems.
+
+    ``problems``: Problems of the scene, then those of the changed scene. ``misplaced``: Problems of changes, by path.
+    ``wrong``: Parts with problems, see `part_of`.
+    """
+
+    scene: Scene | None
+    problems: tuple[Problem, ...]
+    misplaced: tuple[Problem, ...]
+    wrong: frozenset[str]
+
+
+def part_of(path: str) -> str:
+    """Return the part of a scene into which a path leads: a section, or an object or plant."""
+    first, *rest = path.split(".")
+    return ".".join([first, *rest[:1]]) if first in ("objects", "plants") else first
+
+
+def change_scene(reading: SceneReading, changes: Mapping[str, Any], folder: Path | None = None) -> ChangedScene:
+    """Return a scene with changes by path, and all problems of both; ``folder``: Directory of files in the changes."""
+    scene, problems = reading.valid_part, list(reading.problems)
+    wrong, misplaced = {part_of(each.path) for each in problems}, list[Problem]()
+    if scene is None or not changes:
+        return ChangedScene(scene, tuple(problems), (), frozenset(wrong))
+    plain = scene.to_dict()
+    for path, value in changes.items():
+        try:
+            for field in expand(plain, path):
+                assign(plain, field, value)
+        except PathError as error:
+            if part_of(path) not in wrong:
+                misplaced.append(Problem(path, str(error), value))
+    wrong |= {part_of(each.path) for each in misplaced}
+    changed = validate_scene(plain, folder=folder)
+    problems += [each for each in changed.problems if part_of(each.path) not in wrong]
+    wrong |= {part_of(each.path) for each in changed.problems}
+    return ChangedScene(changed.valid_part or scene, tuple(problems), tuple(misplaced), frozenset(wrong))
+
+
 def read_input(
-    given: Any, what: str, refused: InputProblemError, *, within: str = ".", overrides: Overrides = ()
+    given: Any, what: str, refused: InputProblemError, *, within: str = "."
 ) -> tuple[Any, str | Path | None, Path | None]:
     """Return the values of a scene, recipe or specification given as a mapping, path or name."""
     if isinstance(given, Mapping):
-        # Overrides apply to this copy only.
-        plain, source, folder = copy.deepcopy(dict(given)) if overrides else given, None, None
-    else:
-        source = bundled_file(given, within=within) or given
-        plain, folder = read_file(source, what, refused)
-    if overrides and isinstance(plain, dict):
-        apply_overrides(plain, overrides, source=source, refused=refused)
+        return given, None, None
+    source = bundled_file(given, within=within) or given
+    plain, folder = read_file(source, what, refused)
     return plain, source, folder
+
+
+def override(plain: Any, overrides: Overrides) -> tuple[Any, dict[str, list[Problem]]]:
+    """Return a copy of values with overrides, and the problems of those that cannot be applied, by path."""
+    if not overrides or not isinstance(plain, Mapping):
+        return plain, {}
+    changed = copy.deepcopy(dict(plain))
+    return changed, _override(changed, overrides)
 
 
 _MAPPING = "a mapping of camera, stage, frames, objects, ..."
 
 
-def _validate(plain: Any, source: str | Path | None = None, folder: Path | None = None) -> SceneReading:
+def validate_scene(plain: Any, source: str | Path | None = None, folder: Path | None = None) -> SceneReading:
     """Validate a scene given by its values."""
     if plain is None:
         return SceneReading(None, (Problem("", f"is empty; it must be {_MAPPING}"),), source)
@@ -192,22 +251,17 @@ def _value_at(plain: Any, keys: Sequence[str]) -> Any:
 
 def _read_scene(plain: Any, source: str | Path | None = None, folder: Path | None = None) -> Scene:
     """Validate a scene given by its values, see `Scene.from_dict`."""
-    return _validate(plain, source, folder).required()
+    return validate_scene(plain, source, folder).required()
 
 
 Scene._reader = _read_scene
 
 
-def apply_overrides(
-    plain: dict[str, Any],
-    overrides: Overrides,
-    source: str | Path | None = None,
-    refused: InputProblemError = SceneError,
-) -> None:
+def apply_overrides(plain: dict[str, Any], overrides: Overrides) -> None:
     """Apply overrides in place, by path or by ``path=value`` assignments."""
     wrong = _override(plain, overrides)
     if wrong:
-        raise refused([problem for each in wrong.values() for problem in each], source=source)
+        raise SceneError([problem for each in wrong.values() for problem in each])
 
 
 def _override(plain: dict[str, Any], overrides: Overrides) -> dict[str, list[Problem]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,13 +13,10 @@ from scenetruth.camera import Camera
 from scenetruth.scene.material import MATT
 from scenetruth.scene.scene_models import Scene
 from scenetruth.scene.texture.procedural_textures import UniformTexture
+from scenetruth.valid_remainder import Keys, Repair, copied, find_hidden_errors, is_item
 
 __all__ = ["SceneRemainder", "find_remainder"]
 
-Keys = Sequence[str]
-"""Path as keys of mappings and indices of lists."""
-
-_MOST_ROUNDS = 6  # validations of one scene; each repairs all of its errors
 _GLOSS = ("refractive_index", "roughness", "roughness_along", "metallic")
 _COLOURS = ("texture", "tint", "material")
 # Without an effect on any other problem: all that is in front of the camera is in its images.
@@ -52,47 +49,19 @@ def find_remainder(
     validate: Callable[[Mapping[str, Any]], Scene],
     keys_of: Callable[[Mapping[str, Any], ErrorDetails], list[str]],
 ) -> tuple[SceneRemainder | None, list[tuple[Mapping[str, Any], list[ErrorDetails]]]]:
-    """Return the valid remainder of a scene, None if there is none, and the errors that become visible with it.
-
-    ``keys_of``: Returns the path of an error in the values. The errors are listed with the values in which they are.
-    """
-    repair, found = _Repair(plain), []
-    entries = error.errors(include_url=False)
-    for _ in range(_MOST_ROUNDS):
-        before = repair.done.copy()
-        for entry in entries:
-            repair.apply(keys_of(repair.plain, entry), entry["type"])
-        if repair.done == before:
-            break
-        try:
-            scene = validate(repair.plain)
-        except ValidationError as following:
-            entries = following.errors(include_url=False)
-            shown = [entry for entry in entries if entry["type"] != "bands" or repair.bands_known]
-            if shown:
-                found.append((_copied(repair.plain), shown))
-            continue
-        return SceneRemainder(repair.finished(scene), frozenset(repair.shapeless)), found
-    return None, found
+    """Return the valid remainder of a scene, None if there is none, and the errors that become visible with it."""
+    repair = _Repair(plain)
+    scene, found = find_hidden_errors(repair, error, validate, keys_of)
+    if scene is None:
+        return None, found
+    return SceneRemainder(repair.finished(scene), frozenset(repair.shapeless)), found
 
 
-def _copied(value: Any) -> Any:
-    """Return a copy of nested mappings and lists."""
-    if isinstance(value, Mapping):
-        return {key: _copied(each) for key, each in value.items()}
-    return [_copied(each) for each in value] if isinstance(value, list | tuple) else value
-
-
-def _is_item(value: Any, index: str) -> bool:
-    return isinstance(value, list) and index.isdecimal() and int(index) < len(value)
-
-
-class _Repair:
+class _Repair(Repair):
     """Values of a scene, in which fields with errors are removed or replaced."""
 
     def __init__(self, plain: Mapping[str, Any]) -> None:
-        self.plain: dict[str, Any] = _copied(plain)
-        self.done: set[tuple[str, ...]] = set()
+        super().__init__(plain)
         self.shapeless: set[str] = set()
         self.colourless: set[str] = set()
         self.bands_known = True
@@ -115,12 +84,17 @@ class _Repair:
             case ["lighting", name, *_] if isinstance(self.plain.get("lighting"), dict):
                 # Drift and flicker determine the brightness together.
                 self._remove("lighting", "drift_per_frame", "flicker", name)
-            case ["objects" | "plants" as group, index, *rest] if _is_item(self.plain.get(group), index):
+            case ["objects" | "plants" as group, index, *rest] if is_item(self.plain.get(group), index):
                 self._repair_item(group, int(index), rest)
             case ["objects" | "plants" as group, *_]:
                 self._repair_list(group)
             case [name, *_]:
                 self.plain.pop(name, None)
+
+    def is_shown(self, keys: Keys, error: str) -> bool:
+        """Return whether an error that follows a repair is one of the scene as it was given."""
+        del keys
+        return error != "bands" or self.bands_known
 
     def finished(self, scene: Scene) -> Scene:
         """Return the scene with matt surfaces in place of those whose texture, tint or material has errors."""
@@ -167,7 +141,7 @@ class _Repair:
 
     def _repair_lamp(self, index: str, rest: Keys) -> None:
         lamps = self.plain["lighting"]["lights"]
-        if not _is_item(lamps, index):
+        if not is_item(lamps, index):
             self.plain["lighting"]["lights"] = []
             return
         lamp = lamps[int(index)]
@@ -217,7 +191,7 @@ class _Repair:
                 self.shapeless.add(path)
                 kept = {name: item[name] for name in ("name", *_COLOURS) if name in item}
                 shape = {"mesh": _PLANE, "texture": {"kind": "uniform"}, **_PLACE} if group == "objects" else _LEAF
-                items[index] = {**_copied(shape), "name": self._unused_name(path), **kept}
+                items[index] = {**copied(shape), "name": self._unused_name(path), **kept}
 
     def _repair_list(self, group: str) -> None:
         """Repair a list that is none, has names twice, or is empty."""

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from hypothesis import assume, given, settings
+from hypothesis import strategies as some
 
-from scenetruth.design.optimisation import DesignSpec, load_design_spec, prepare_problem
+from scenetruth.design.optimisation import DesignSpec, load_design_spec, load_problem, prepare_problem
 from scenetruth.errors import DesignSpecError
 from scenetruth.input_files import bundled_files
 from scenetruth.scoring import QUANTITIES
@@ -39,7 +43,7 @@ def test_all_that_is_wrong_with_its_form_is_told() -> None:
         "constraints.0: unknown `kind`",
         "constraints.1: requires `kind`",
         "constraints.2: has no bound",
-        "objectives: unknown quantity depht",
+        "objectives.0.quantity: unknown quantity; did you mean 'depth'?",
         "serach: unknown key; did you mean 'search'?",
     ):
         assert expected in told
@@ -185,3 +189,75 @@ def test_paths_count_from_the_goals_folder(tmp_path: Path) -> None:
     file = tmp_path / "spec.yaml"
     file.write_text(yaml.safe_dump(spec(scene="wall.yaml")))
     assert prepare_problem(load_design_spec(file)).scene.objects[0].name == "wall"
+
+
+PLANTED: dict[str, tuple[dict[str, Any], str]] = {
+    "wrong type": ({"search.seed": "one"}, "search.seed"),
+    "misspelt key": ({"titel": "A rig"}, "titel"),
+    "out of range": ({"confirmation.rigs": -1}, "confirmation.rigs"),
+    "missing catalogue": ({"catalogues": ["none.yaml"]}, "catalogues: none.yaml"),
+    "scene with its own problems": ({"scene.camera.width": 0}, "scene.camera.width"),
+    "unknown method": ({"method": "refind"}, "method."),
+    "set field of no scene": ({"set.stagge.positions": 3}, "set.stagge.positions"),
+    "empty range": ({"variables.frames.count": {"from": 5, "to": 2}}, "variables.frames.count"),
+    "variable of no scene": ({"variables.objects.0.poze.axis": {"from": 5, "to": 7}}, "variables.objects.0.poze.axis"),
+    "value out of range": ({"variables.sensor.noise_std": {"from": -0.1, "to": 0.1}}, "variables.sensor.noise_std"),
+    "set and varied": ({"set.stage.baseline_mm": 3}, ""),
+    "aperture without a lens": ({"variables.f_number": {"from": 2, "to": 8}}, "variables.f_number"),
+    "unknown entry": ({"variables.stage": ["air_baering", "air_bearing"]}, "variables.stage"),
+    "unknown constraint": ({"constraints.0": {"kind": "imagse", "max": 3}}, "constraints.0"),
+    "contradiction": ({"constraints.1.max": 1}, "constraints.2"),
+    "unknown quantity": ({"objectives.0.quantity": "depht"}, "objectives.0.quantity"),
+    "unknown region": ({"objectives.1.region": "object_wal"}, "objectives.1.region"),
+    "statistic without meaning": ({"objectives.2.statistic": "p95_abs_error"}, "objectives.2.statistic"),
+}
+
+
+def planted(names: Iterable[str]) -> dict[str, Any]:
+    """Return a specification with mistakes."""
+    plain = copy.deepcopy(spec(
+        variables={"stage.baseline_mm": {"from": 1, "to": 9}},
+        constraints=[{"kind": "stage_travel", "max": 99}, {"kind": "images", "max": 99}, {"kind": "images", "min": 2}],
+        objectives=[{"quantity": "depth"}, {"quantity": "velocity_z"}, {"quantity": "velocity_epe"}],
+        confirmation={}, search={}, set={},
+    ))  # fmt: skip
+    for name in names:
+        for path, value in PLANTED[name][0].items():
+            first, *rest = path.split(".")
+            owner: Any = plain
+            keys = [first, ".".join(rest)] if first in ("set", "variables") else [first, *rest]
+            for key in keys[:-1]:
+                owner = owner[int(key)] if isinstance(owner, list) else owner[key]
+            owner[int(keys[-1]) if isinstance(owner, list) else keys[-1]] = value
+    return plain
+
+
+def paths_of(plain: dict[str, Any]) -> list[str]:
+    try:
+        load_problem(plain)
+    except DesignSpecError as error:
+        return [problem.path for problem in error.problems]
+    return []
+
+
+def is_of(name: str, path: str) -> bool:
+    """Return whether a path is that of a mistake."""
+    where = PLANTED[name][1]
+    return path.startswith(where) if where else not path
+
+
+@pytest.mark.parametrize("name", PLANTED)
+def test_a_mistake_is_named_where_it_is(name: str) -> None:
+    found = paths_of(planted([name]))
+    assert found
+    assert all(is_of(name, path) for path in found)
+
+
+@settings(max_examples=3, deadline=None)
+@given(some.lists(some.sampled_from(sorted(PLANTED)), min_size=2, unique=True))
+def test_mistakes_do_not_hide_each_other(names: list[str]) -> None:
+    # The missing catalogue may have the unknown entry.
+    assume(not {"missing catalogue", "unknown entry"} <= {*names})
+    found = paths_of(planted(names))
+    assert [name for name in names if not any(is_of(name, path) for path in found)] == []
+    assert [path for path in found if not any(is_of(name, path) for name in names)] == []

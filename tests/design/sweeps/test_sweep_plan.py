@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as some
 
-from scenetruth.design.sweeps import build_plan
-from scenetruth.errors import ArgumentError, SceneError
+from scenetruth.design.sweeps import build_plan, sweep
+from scenetruth.errors import ArgumentError, EstimateError, SceneError
 from scenetruth.scene import Scene
 from tests.helpers.sweep_scenes import scene
 
@@ -121,3 +123,36 @@ def test_scenes_are_called_by_their_files(tmp_path: Path) -> None:
         build_plan(files, {"stage.baseline_mm": [1, 2]})
     with pytest.raises(ArgumentError, match="at least one scene"):
         build_plan([], {"stage.baseline_mm": [1, 2]})
+
+
+PLANTED: dict[str, tuple[dict[str, Any], str]] = {
+    "scene": ({"camera.width": -1}, "camera.width"),
+    "field": ({"vary": {"stage.baselin.mm": [1, 2]}}, "vary.stage.baselin.mm"),
+    "level": ({"vary": {"frames.count": [2, -3]}}, "vary.frames.count"),
+    "type": ({"vary": {"stage.positions": [3, "many"]}}, "vary.stage.positions"),
+    "spelling": ({"vary": {"sensor.noise_std": "0.1..x"}}, "vary.sensor.noise_std"),
+    "empty range": ({"vary": {"objects.0.texture.rms_contrast": "0.2..0.1:3"}}, "vary.objects.0.texture.rms_contrast"),
+    "seeds": ({"seeds": 0}, "seeds"),
+    "points": ({"sobol_points": -1}, "sobol_points"),
+    "method": ({"methods": ["refind"]}, "method"),
+    "workers": ({"workers": 0}, "workers"),
+}
+
+
+@settings(max_examples=20, deadline=None)
+@given(some.lists(some.sampled_from(sorted(PLANTED)), min_size=1, unique=True))
+def test_mistakes_do_not_hide_each_other(names: list[str]) -> None:
+    """Of scenes, factors and arguments."""
+    arguments: dict[str, Any] = {"vary": {"stage.baseline_mm": [1, 2]}, "seeds": 1}
+    overrides: dict[str, Any] = {}
+    for name in names:
+        changes = PLANTED[name][0]
+        if name == "scene":
+            overrides |= changes
+        else:
+            arguments |= {"vary": arguments["vary"] | changes["vary"]} if "vary" in changes else changes
+    with pytest.raises((ArgumentError, SceneError, EstimateError)) as caught:
+        sweep(scene(), overrides=overrides, **arguments)
+    found = [problem.path for problem in caught.value.problems]
+    assert [name for name in names if not any(path.startswith(PLANTED[name][1]) for path in found)] == []
+    assert [path for path in found if not any(path.startswith(PLANTED[name][1]) for name in names)] == []

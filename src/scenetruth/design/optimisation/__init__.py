@@ -56,7 +56,7 @@ from scenetruth.design.optimisation.pareto_front import (
     select_recommended,
     thin_front,
 )
-from scenetruth.design.optimisation.problem_setup import OptimisationProblem, prepare_problem
+from scenetruth.design.optimisation.problem_setup import OptimisationProblem, load_problem, prepare_problem
 from scenetruth.design.optimisation.report.design_charts import (
     AxisSpec,
     build_axis,
@@ -131,7 +131,8 @@ __all__ = [
     "describe_limiting_factors", "describe_rank_consistency", "describe_sensitivities", "describe_side_view",
     "describe_standard_lens", "draw_side_views", "evaluate_bound", "evaluate_rig", "find_pareto_front",
     "format_parameter", "get_simulated_statistic", "list_assumptions", "list_warnings", "load_catalogues",
-    "load_design_spec", "optimise", "prepare_problem", "rank_evaluations", "reduce_scene", "rig_from_evaluation",
+    "load_design_spec", "load_problem", "optimise", "prepare_problem", "rank_evaluations", "reduce_scene",
+    "rig_from_evaluation",
     "search_with_optuna", "select_distinguishable", "select_recommended", "simulate_candidate",
     "simulate_candidates", "simulate_objectives", "summarise_objectives", "thin_front", "write_design_page",
 ]  # fmt: skip

@@ -40,7 +40,7 @@ from scenetruth.design.optimisation.pareto_front import (
     select_recommended,
     thin_front,
 )
-from scenetruth.design.optimisation.problem_setup import OptimisationProblem, prepare_problem
+from scenetruth.design.optimisation.problem_setup import OptimisationProblem, load_problem
 from scenetruth.design.optimisation.report.design_report import write_design_files
 from scenetruth.design.optimisation.rig_evaluation import Evaluation, build_rig, compute_rig_context, predict_scene
 from scenetruth.design.optimisation.specification import DesignSpec, DesignSpecLike, load_design_spec
@@ -146,10 +146,9 @@ def optimise(
     """
     resolve_workers(workers)
     require_optional_libraries()
-    known = load_design_spec(specification, overrides=overrides)
+    known, prepared = load_problem(specification, overrides=overrides)
     if seeds is not None:
         known = load_design_spec(known, overrides={"confirmation.seeds": seeds})
-    prepared = prepare_problem(known)
     refuse_beyond_limits(prepared.scene, limits)
     identity = {"format": 1, "key": _key(prepared), "title": known.title}
     other = "belongs to a design with another scene, other constraints or objectives; use another directory"

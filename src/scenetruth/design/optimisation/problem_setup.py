@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,21 +23,25 @@ from scenetruth.design.optimisation.rig_evaluation import (
 from scenetruth.design.optimisation.specification import (
     CATALOGUES,
     NAMED_VARIABLES,
+    DesignReading,
     DesignSpec,
+    DesignSpecLike,
     DesignVariable,
     ObjectiveSpec,
+    read_design_spec,
 )
 from scenetruth.design.prediction import Prediction
 from scenetruth.errors import EstimateError, Problem, SceneError
 from scenetruth.estimators import choose
 from scenetruth.estimators.method_specs import MethodSpec, parse_method
-from scenetruth.scene import Scene, load_scene
+from scenetruth.scene import Overrides, Scene, read_scene
 from scenetruth.scene.field_paths import PathError, assign, expand, value_at
+from scenetruth.scene.scene_loader import SceneReading, change_scene
 from scenetruth.scoring import QUANTITIES
 from scenetruth.scoring.quantities import get_title
 from scenetruth.validation_problems import suggest_word
 
-__all__ = ["OptimisationProblem", "prepare_problem"]
+__all__ = ["OptimisationProblem", "load_problem", "prepare_problem"]
 
 _NO_EFFECT = ("format", "description", "storage", "seed", "score")
 _MOST_TRIED = 64  # number of rigs that are tried until one has a prediction
@@ -54,81 +58,161 @@ class OptimisationProblem:
 
 def prepare_problem(spec: DesignSpec) -> OptimisationProblem:
     """Return the optimisation problem; raise `DesignSpecError` with all problems."""
-    problems: list[Problem] = []
-    entries = _entries(spec, problems)
-    scene = _scene(spec, problems)
-    if scene is None or entries is None:
-        raise DesignSpecError(problems)
-    plain = scene.to_dict()
-    places, parameters = {}, []
-    for name, variable in spec.variables.items():
-        if name not in NAMED_VARIABLES:
-            found = _places(plain, name, problems)
-            if found:
-                places[name] = found
-                parameters.append(_parameter(name, variable, plain, found, problems))
-        else:
-            parameters.append(_named(name, variable, entries, problems))
-    problems += _overlaps(places)
-    problems += _find_undetermined(spec, scene, entries)
-    known = [one for one in parameters if one is not None]
-    if problems:
-        raise DesignSpecError(problems)
-    space = DesignSpace(tuple(known))
-    depth = _compute_depth(scene, spec)
-    base = BaseRig(plain, places, entries, spec.light, depth)
-    problems += _find_invalid_values(base, space)
-    problems += _find_ineffective(base, space)
-    if problems:
-        raise DesignSpecError(problems)
-    prediction = _predict_middle(base, space, scene.estimate.method)
-    objectives = []
-    for number, wanted in enumerate(spec.objectives):
-        problems += _not_predicted(f"objectives.{number}", wanted, prediction, scene.estimate.method)
-        units = QUANTITIES[wanted.quantity].units
-        objectives.append(Objective(wanted.quantity, wanted.region, units, "", wanted.target, wanted.statistic))
-    if problems:
-        raise DesignSpecError(problems)
-    task = EvaluationTask(
-        base, spec.constraints, tuple(_with_unique_title(one, objectives) for one in objectives), scene.estimate.method
-    )
-    return OptimisationProblem(task, space, scene)
+    return _Setup(read_design_spec(spec)).required()
 
 
-def _entries(spec: DesignSpec, problems: list[Problem]) -> CatalogueEntries | None:
-    try:
-        return load_catalogues(spec.catalogues)
-    except DesignSpecError as error:
-        problems += [Problem(f"catalogues: {one.path}", one.message, one.value) for one in error.problems]
-        return None
+def load_problem(specification: DesignSpecLike, *, overrides: Overrides = ()) -> tuple[DesignSpec, OptimisationProblem]:
+    """Return a design specification and its optimisation problem; raise an error with the problems of both."""
+    reading = read_design_spec(specification, overrides=overrides)
+    if reading.spec is None or not reading.problems:
+        return reading.required(), _Setup(reading).required()
+    raise DesignSpecError([*reading.problems, *_Setup(reading).problems], source=reading.source)
 
 
-def _scene(spec: DesignSpec, problems: list[Problem]) -> Scene | None:
-    """Return the base scene with the changes and the method of the design specification."""
-    try:
-        scene = load_scene(spec.scene)
-        scene.require_grey("an optimisation")
-        plain = scene.to_dict()
-        for path, value in spec.set.items():
-            try:
-                for place in expand(plain, path):
-                    assign(plain, place, value)
-            except PathError as error:
-                problems.append(Problem(f"set.{path}", str(error), value))
-        one = parse_method(spec.method, from_file=True) if isinstance(spec.method, str) else _read_method(spec.method)
-        if "estimate" not in {path.split(".")[0] for path in spec.set}:
-            own = scene.estimate.settings.model_dump(mode="json") if scene.estimate.method == one.method else {}
-            plain["estimate"] = {"method": one.method, **own, **one.settings}
-        return Scene.from_dict(plain)
-    except SceneError as error:
+class _Setup:
+    """Set-up of the problem of a specification, or of the valid remainder of one with problems."""
+
+    def __init__(self, reading: DesignReading) -> None:
+        spec, self.repair = reading.spec, reading.repair
+        assert spec is not None
+        self.spec, self.is_whole = spec, not reading.problems
+        self.problems: list[Problem] = []
+        self.entries = self._entries()
+        self.scene, self.wrong = self._scene()
+        self.space, self.places = self._space()
+        self.result: OptimisationProblem | None = None
+        if self.scene is not None:
+            self._prepare(self.scene)
+
+    def required(self) -> OptimisationProblem:
+        """Return the optimisation problem, or raise an error with all problems."""
+        if self.result is None or self.problems:
+            raise DesignSpecError(self.problems)
+        return self.result
+
+    def _entries(self) -> CatalogueEntries | None:
+        try:
+            return load_catalogues(self.spec.catalogues)
+        except DesignSpecError as error:
+            self.problems += [Problem(f"catalogues: {one.path}", one.message, one.value) for one in error.problems]
+            return None
+
+    def _scene(self) -> tuple[Scene | None, frozenset[str]]:
+        """Return the base scene with the changes and the method of the specification, and its parts with problems."""
+        spec = self.spec
+        chosen, wrong = self._method(), set[str]()
+        if self.repair.is_wrong("scene"):
+            return None, frozenset()
+        try:
+            reading = read_scene(spec.scene)
+            scene = reading.valid_part
+            if scene is not None:
+                scene.require_grey("an optimisation")
+        except SceneError as error:
+            reading = SceneReading(None, error.problems)
+        changes = dict(spec.set)
+        if chosen is None:
+            wrong.add("estimate")
+        elif scene is not None and "estimate" not in {path.split(".")[0] for path in spec.set}:
+            own = scene.estimate.settings.model_dump(mode="json") if scene.estimate.method == chosen.method else {}
+            changes["estimate"] = {"method": chosen.method, **own, **chosen.settings}
+        changed = change_scene(reading, changes)
         text = f" ({spec.scene})" if isinstance(spec.scene, str) else ""
-        problems += [
+        self.problems += [
             Problem(".".join(filter(None, ("scene", one.path))), f"{one.message}{text}", one.value)
-            for one in error.problems
+            for one in changed.problems
         ]
-    except EstimateError as error:
-        problems += [Problem(f"method.{one.path}", one.message, one.value) for one in error.problems]
-    return None
+        self.problems += [Problem(f"set.{one.path}", one.message, one.value) for one in changed.misplaced]
+        removed = {each[1] for each in self.repair.wrong if each[:1] == ("set",) and len(each) > 1}
+        return changed.scene, frozenset(wrong | changed.wrong | removed)
+
+    def _method(self) -> MethodSpec | None:
+        """Return the method; None if it has a problem."""
+        given = self.spec.method
+        if self.repair.is_wrong("method"):
+            return None
+        try:
+            return parse_method(given, from_file=True) if isinstance(given, str) else _read_method(given)
+        except EstimateError as error:
+            self.problems += [Problem(f"method.{one.path}", one.message, one.value) for one in error.problems]
+            return None
+
+    def _is_hidden(self, path: str) -> bool:
+        """Return whether a path leads into a part of the scene with problems, or to all of it."""
+        return any(f"{path}.".startswith(f"{one}.") or f"{one}.".startswith(f"{path}.") for one in self.wrong)
+
+    def _space(self) -> tuple[list[Parameter], dict[str, tuple[str, ...]]]:
+        """Return the parameters without problems, and the fields of those of the scene."""
+        found, places, taken = list[Parameter](), dict[str, tuple[str, ...]](), dict[str, tuple[str, ...]]()
+        plain = None if self.scene is None else self.scene.to_dict()
+        problems = list[Problem]()
+        for name, variable in () if ("variables",) in self.repair.wrong else self.spec.variables.items():
+            parameter = None
+            if name in NAMED_VARIABLES:
+                parameter = _named(name, variable, self.entries, problems)
+            elif plain is not None and not self._is_hidden(name):
+                own = _places(plain, name, problems)
+                if own:
+                    taken[name] = own
+                    parameter = _parameter(name, variable, plain, own, problems)
+            if parameter is not None:
+                found.append(parameter)
+                places |= {name: taken[name]} if name in taken else {}
+        problems += _overlaps(taken)
+        if ("variables",) not in self.repair.wrong:
+            names = {*self.spec.variables, *(each[1] for each in self.repair.wrong if each[:1] == ("variables",))}
+            problems += _find_undetermined(self.spec, names, None if self._is_hidden("camera") else self.scene)
+        self.problems += problems
+        undecided = {one.path.removeprefix("variables.") for one in problems}
+        kept = [one for one in found if one.name not in undecided]
+        return kept, {one.name: places[one.name] for one in kept if one.name in places}
+
+    def _prepare(self, scene: Scene) -> None:
+        """Check values and objectives by predictions, and build the problem if there are no problems."""
+        space, complete = DesignSpace(tuple(self.space)), self.is_whole and not self.problems
+        base = BaseRig(scene.to_dict(), self.places, self.entries or load_catalogues(), self.spec.light, math.nan)
+        self.problems += _find_invalid_values(base, space)
+        prediction = None
+        try:
+            base = replace(base, depth_mm=_compute_depth(scene, self.spec))
+        except (SceneError, DesignSpecError) as error:
+            self.problems += error.problems if complete else ()
+        else:
+            if len(space) and not self.wrong:
+                self.problems += _find_ineffective(base, space)
+            prediction = self._predict(base, space, scene, only_base=not complete or bool(self.problems))
+        objectives = self._objectives(scene, prediction)
+        if complete and not self.problems and prediction is not None:
+            task = EvaluationTask(base, self.spec.constraints, objectives, scene.estimate.method)
+            self.result = OptimisationProblem(task, space, scene)
+
+    def _objectives(self, scene: Scene, prediction: Prediction | None) -> tuple[Objective, ...]:
+        """Return the objectives after a check against a prediction, or without one, against the names of objects."""
+        numbers = [] if ("objectives",) in self.repair.wrong else self.repair.indices("objectives")
+        found = []
+        for number, wanted in zip(numbers, self.spec.objectives, strict=bool(numbers)):
+            where = f"objectives.{number}"
+            if not any(part.startswith(("objects", "plants")) for part in self.wrong):
+                self.problems += _in_no_region(where, wanted, scene, prediction)
+            self.problems += _not_predicted(where, wanted, prediction, scene.estimate.method)
+            units = QUANTITIES[wanted.quantity].units
+            found.append(Objective(wanted.quantity, wanted.region, units, "", wanted.target, wanted.statistic))
+        return tuple(_with_unique_title(one, found) for one in found)
+
+    def _predict(self, base: BaseRig, space: DesignSpace, scene: Scene, *, only_base: bool) -> Prediction | None:
+        """Return the prediction of the middle of the design space; of the base scene if other parts have problems."""
+        if not only_base:
+            try:
+                return _predict_middle(base, space, scene.estimate.method)
+            except DesignSpecError as error:
+                self.problems += error.problems
+                return None
+        if any(self._is_hidden(part) for part in ("camera", "stage", "frames", "sensor", "estimate")):
+            return None
+        try:
+            return predict_scene(scene, scene.estimate.method)
+        except SceneError:
+            return None
 
 
 def _read_method(given: Mapping[str, Any]) -> MethodSpec:
@@ -193,7 +277,9 @@ def _choice(name: str, variable: DesignVariable, problems: list[Problem]) -> Par
     return Parameter(name, choices=tuple(values))
 
 
-def _named(name: str, variable: DesignVariable, entries: CatalogueEntries, problems: list[Problem]) -> Parameter | None:
+def _named(
+    name: str, variable: DesignVariable, entries: CatalogueEntries | None, problems: list[Problem]
+) -> Parameter | None:
     if name not in CATALOGUES:
         if variable.values is not None:
             return _choice(name, variable, problems)
@@ -201,12 +287,14 @@ def _named(name: str, variable: DesignVariable, entries: CatalogueEntries, probl
             problems.append(Problem(f"variables.{name}", "must start above 0", variable.from_))
             return None
         return _range(name, variable, problems, whole=False)
-    known = entries.of(name)
     if variable.values is None:
         problems.append(
             Problem(f"variables.{name}", "is chosen from a catalogue; list names of entries, or specify all")
         )
         return None
+    if entries is None:
+        return None
+    known = entries.of(name)
     values = list(known) if variable.values == "all" else list(variable.values)
     for one in values:
         if one not in known:
@@ -238,13 +326,16 @@ _CHOSEN = {
 """Scene fields that a named variable determines."""
 
 
-def _find_undetermined(spec: DesignSpec, scene: Scene, entries: CatalogueEntries) -> Iterator[Problem]:
-    """Yield the problems of parameters that require or are determined by others."""
-    if "f_number" in spec.variables and "lens" not in spec.variables:
+def _find_undetermined(spec: DesignSpec, names: Collection[str], scene: Scene | None) -> Iterator[Problem]:
+    """Yield the problems of parameters that require or are determined by others.
+
+    ``names``: Names of all parameters, including those with problems. ``scene``: None if its camera has problems.
+    """
+    if "f_number" in spec.variables and "lens" not in names:
         yield Problem(
             "variables.f_number", "requires a lens; add 'lens' with at least one catalogue entry to the variables"
         )
-    if "lens" in spec.variables and "camera" not in spec.variables and scene.camera.pixel_pitch_um is None:
+    if "lens" in spec.variables and "camera" not in names and scene is not None and scene.camera.pixel_pitch_um is None:
         message = (
             "requires the pixel pitch; specify camera.pixel_pitch_um and focal_length_mm in the scene, or add 'camera'"
         )
@@ -341,11 +432,16 @@ def _predict_middle(base: BaseRig, space: DesignSpace, method: str) -> Predictio
     raise DesignSpecError(problems)
 
 
-def _not_predicted(where: str, wanted: ObjectiveSpec, prediction: Prediction, method: str) -> Iterator[Problem]:
-    if wanted.region not in prediction.regions:
-        message = f"unknown region; valid regions: {', '.join(prediction.regions)}"
-        yield Problem(f"{where}.region", message, wanted.region)
-    if wanted.quantity not in prediction.quantities:
+def _in_no_region(where: str, wanted: ObjectiveSpec, scene: Scene, prediction: Prediction | None) -> Iterator[Problem]:
+    regions = ["all", "interior", *(f"object_{item.name}" for _, item in scene.parts)]
+    if prediction is not None:
+        regions = list(prediction.regions)
+    if wanted.region not in regions:
+        yield Problem(f"{where}.region", f"unknown region; valid regions: {', '.join(regions)}", wanted.region)
+
+
+def _not_predicted(where: str, wanted: ObjectiveSpec, prediction: Prediction | None, method: str) -> Iterator[Problem]:
+    if prediction is not None and wanted.quantity not in prediction.quantities:
         known = ", ".join(prediction.quantities) or "nothing"
         message = f"is not available for this scene and method {method}; available quantities: {known}"
         yield Problem(f"{where}.quantity", message, wanted.quantity)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_validator
 
 from scenetruth.design.optimisation.constraints import ConstraintSpec
 from scenetruth.design.optimisation.design_records import DesignSpecError, Statistic
@@ -16,14 +17,16 @@ from scenetruth.discovery import discriminated_union
 from scenetruth.errors import Problem
 from scenetruth.input_files import InputFile, SceneFile, validation_context
 from scenetruth.plain_data import plain_problems
-from scenetruth.scene import Overrides, read_input
+from scenetruth.scene import Overrides, join_override_problems, override, read_input
 from scenetruth.scoring import QUANTITIES
+from scenetruth.valid_remainder import FieldRepair, Keys, read_model
 from scenetruth.validated_model import Finite, FrozenModel, Name, Positive
-from scenetruth.validation_problems import list_problems
+from scenetruth.validation_problems import suggest_word
 
 __all__ = [
-    "CATALOGUES", "CONSTRAINT_MODULES", "NAMED_VARIABLES", "ConfirmationSpec", "DesignSpec", "DesignSpecLike",
-    "DesignVariable", "IlluminationSpec", "ObjectiveSpec", "SearchSpec", "load_design_spec",
+    "CATALOGUES", "CONSTRAINT_MODULES", "NAMED_VARIABLES", "ConfirmationSpec", "DesignReading", "DesignSpec",
+    "DesignSpecLike", "DesignVariable", "IlluminationSpec", "ObjectiveSpec", "SearchSpec", "load_design_spec",
+    "read_design_spec",
 ]  # fmt: skip
 
 
@@ -72,10 +75,17 @@ class DesignVariable(FrozenModel):
         return self
 
 
+def _scored(quantity: str) -> str:
+    if quantity not in QUANTITIES:
+        msg = f"unknown quantity{suggest_word(quantity, QUANTITIES)}; valid quantities: {', '.join(QUANTITIES)}"
+        raise ValueError(msg)
+    return quantity
+
+
 class ObjectiveSpec(FrozenModel):
     """A quantity whose error is minimised."""
 
-    quantity: str
+    quantity: Annotated[str, AfterValidator(_scored)]
     """Key of `scenetruth.scoring.QUANTITIES`, such as ``depth`` or ``growth_rate``."""
     region: Name = "interior"
     """Region: ``all``, ``interior``, or ``object_NAME``."""
@@ -142,6 +152,7 @@ if TYPE_CHECKING:
 else:
     AnyConstraint = discriminated_union(ConstraintSpec, *CONSTRAINT_MODULES)
 
+_MOST_OBJECTIVES = 6
 _PATH_PATTERN = r"^[A-Za-z0-9_*-]+(\.[A-Za-z0-9_*-]+)*$"
 FieldPath = Annotated[str, Field(pattern=_PATH_PATTERN, max_length=300)]
 """Path of a scene field: keys and indices separated by dots; ``*`` stands for all list entries."""
@@ -193,7 +204,7 @@ class DesignSpec(FrozenModel):
     """The illumination; default: adapted to each camera of the catalogue."""
     constraints: tuple[AnyConstraint, ...] = ()
     """Constraints on a rig."""
-    objectives: Annotated[tuple[ObjectiveSpec, ...], Field(min_length=1, max_length=6)]
+    objectives: Annotated[tuple[ObjectiveSpec, ...], Field(min_length=1, max_length=_MOST_OBJECTIVES)]
     """Objectives to minimise."""
     search: SearchSpec = SearchSpec()
     """Extent of the search."""
@@ -202,11 +213,7 @@ class DesignSpec(FrozenModel):
 
     @field_validator("objectives")
     @classmethod
-    def _scored(cls, value: tuple[ObjectiveSpec, ...]) -> tuple[ObjectiveSpec, ...]:
-        unknown = sorted({one.quantity for one in value} - set(QUANTITIES))
-        if unknown:
-            msg = f"unknown quantity {', '.join(unknown)}; valid quantities: {', '.join(QUANTITIES)}"
-            raise ValueError(msg)
+    def _differ(cls, value: tuple[ObjectiveSpec, ...]) -> tuple[ObjectiveSpec, ...]:
         entries = Counter((one.quantity, one.region, one.statistic) for one in value)
         twice = [key for key, count in entries.items() if count > 1]
         if twice:
@@ -263,19 +270,65 @@ class DesignSpec(FrozenModel):
           - variables.stage.baseline_mm: is empty: from 5 is not below to 2 (got {'from': 5, 'to': 2})
           - objectives: is missing
         """
-        if not isinstance(values, Mapping):
-            raise DesignSpecError([Problem("", f"must be {_MAPPING}", values)], source=source)
-        problems = plain_problems(values)
-        if problems:
-            raise DesignSpecError(problems, source=source)
-        try:
-            goal = cls.model_validate(dict(values), context=validation_context(folder))
-        except ValidationError as error:
-            raise DesignSpecError(list_problems(error, values, model=cls), source=source) from error
-        problems = [*_find_contradictions(goal)]
-        if problems:
-            raise DesignSpecError(problems, source=source)
-        return goal
+        return _validated(values, source, folder).required()
+
+
+@dataclass(frozen=True, eq=False)
+class DesignReading:
+    """A design specification with its problems; with problems of its fields, its valid remainder.
+
+    ``repair``: Paths of the fields with errors, and the indices of lists.
+    """
+
+    spec: DesignSpec | None
+    problems: tuple[Problem, ...]
+    repair: FieldRepair
+    source: str | Path | None = None
+
+    def required(self) -> DesignSpec:
+        """Return the specification, or raise an error with all problems."""
+        if self.spec is None or self.problems:
+            raise DesignSpecError(self.problems, source=self.source)
+        return self.spec
+
+
+class _DesignRepair(FieldRepair):
+    """Values of a design specification, in which fields with errors are removed or replaced."""
+
+    required: ClassVar[Mapping[str, Any]] = {
+        "scene": {}, "variables": {"stage.baseline_mm": {"from": 1, "to": 2}}, "objectives": [{"quantity": "depth"}],
+    }  # fmt: skip
+
+    def apply(self, keys: Keys, error: str) -> None:
+        """Remove or replace a field with an error; of equal objectives, the first remains."""
+        items = self.plain.get("objectives")
+        if tuple(keys) == ("objectives",) and isinstance(items, list):
+            places = [place for place, each in enumerate(items) if each not in items[:place]][:_MOST_OBJECTIVES]
+            if 0 < len(places) < len(items):
+                self.plain["objectives"] = [items[place] for place in places]
+                self.indices("objectives")[:] = [self.indices("objectives")[place] for place in places]
+                self.done.add((error, *keys, "equal"))
+                return
+        super().apply(keys, error)
+
+    def resolve(self) -> None:
+        """Remove changes of design variables."""
+        for key in {*self.plain.get("set", {})} & {*self.plain.get("variables", {})}:
+            del self.plain["set"][key]
+            self.wrong.add(("set", key))
+
+
+def _validated(values: Any, source: str | Path | None = None, folder: Path | None = None) -> DesignReading:
+    if not isinstance(values, Mapping):
+        return DesignReading(None, (Problem("", f"must be {_MAPPING}", values),), _DesignRepair({}), source)
+    repair = _DesignRepair(values)
+    problems = plain_problems(values)
+    if problems:
+        return DesignReading(None, tuple(problems), repair, source)
+    spec, problems = read_model(DesignSpec, values, repair, context=validation_context(folder))
+    if spec is not None:
+        problems += _find_contradictions(spec, repair.indices("constraints"))
+    return DesignReading(spec, tuple(problems), repair, source)
 
 
 _MAPPING = "a mapping of scene, variables, constraints, objectives, ..."
@@ -335,22 +388,27 @@ def load_design_spec(specification: DesignSpecLike, *, overrides: Overrides = ()
     >>> load_design_spec("cube_depth").title
     'Depth and motion of the noise cube'
     """
+    return read_design_spec(specification, overrides=overrides).required()
+
+
+def read_design_spec(specification: DesignSpecLike, *, overrides: Overrides = ()) -> DesignReading:
+    """Read a design specification as `load_design_spec` does, without an error for an invalid one."""
     if isinstance(specification, DesignSpec) and not overrides:
-        return specification
+        return DesignReading(specification, (), _DesignRepair(specification.model_dump(by_alias=True)))
     given = (
         specification.model_dump(mode="json", by_alias=True) if isinstance(specification, DesignSpec) else specification
     )
-    plain, source, folder = read_input(
-        given, "a design specification", DesignSpecError, within="designs", overrides=overrides
-    )
-    return DesignSpec.from_dict(plain, source=source, folder=folder)
+    plain, source, folder = read_input(given, "a design specification", DesignSpecError, within="designs")
+    plain, wrong = override(plain, overrides)
+    reading = _validated(plain, source, folder)
+    return replace(reading, problems=tuple(join_override_problems(wrong, reading.problems)))
 
 
-def _find_contradictions(spec: DesignSpec) -> Sequence[Problem]:
-    """Return the problems of contradictory bounds on the same property."""
-    found = []
+def _find_contradictions(spec: DesignSpec, indices: Sequence[int]) -> list[Problem]:
+    """Return the problems of contradictory bounds on the same property, by the indices of the constraints."""
+    found = list[Problem]()
     bounds: dict[str, tuple[int, float | None, float | None]] = {}
-    for number, one in enumerate(spec.constraints):
+    for number, one in zip(indices, spec.constraints, strict=True):
         key = one.model_dump_json(exclude={"min", "max"})
         _, low, high = bounds.get(key, (number, None, None))
         low = one.min if low is None or (one.min or low) > low else low

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from os import PathLike
@@ -19,11 +19,12 @@ from scenetruth.dataset.distributions import (
 )
 from scenetruth.dataset.sampler import UniformDraws
 from scenetruth.design.sweeps.factors import Factor, format_level, parse_factors
-from scenetruth.errors import ArgumentError, Problem, SceneError
+from scenetruth.errors import ArgumentError, CollectedErrors, Problem, SceneError
 from scenetruth.plain_data import seed_problems
-from scenetruth.resources import load_checked_scene
+from scenetruth.resources import read_checked_scene
 from scenetruth.scene import Overrides, Scene, SceneLike
 from scenetruth.scene.field_paths import PathError, assign, expand, value_at
+from scenetruth.scene.scene_loader import part_of
 
 __all__ = ["SweepPlan", "SweepPoint", "build_plan"]
 
@@ -105,27 +106,41 @@ def build_plan(
     own_methods: bool = True,
 ) -> SweepPlan:
     """Return the plan of a sweep; raise `SweepError` with all problems."""
-    labels, bases = _loaded(scenes, overrides)
+    errors = CollectedErrors()
+    labels, bases, wrong_parts = _loaded(scenes, overrides, errors)
     plains = tuple(base.to_dict() for base in bases)
     wrong_seeds = seed_problems(seeds, MOST_SIMULATIONS)
     problems = [*wrong_seeds, *_sobol_problems(sobol)]
     factors, wrong = parse_factors(vary, 0 if _sobol_problems(sobol) else sobol)
     problems += wrong
     placed: list[tuple[Factor, list[tuple[str, ...]]]] = []
-    for factor in factors:
+    # Factors of parts of scenes with problems are not examined.
+    for factor in (each for each in factors if not _is_within(each.path, wrong_parts)):
         places = [_places(plain, factor.path, problems) for plain in plains]
         here = [*_overlaps(factor, places, placed), *_integer_problems(factor, _is_integer(plains, places))]
         problems += here
-        if all(places) and not here:
+        if places and all(places) and not here:
             placed.append((factor, places))
     plan = None
-    if placed:
-        # The valid factors are checked even if others are invalid, so that all problems are reported together.
-        plan = _plan(labels, bases, plains, placed, 1 if wrong_seeds else seeds, 0 if _sobol_problems(sobol) else sobol)
-        problems += [*_find_impossible(plan), *_find_ineffective(plan, [factor for factor, _ in placed], own_methods)]
-    if problems or plan is None:
-        raise ArgumentError(_each_once(problems), source="a sweep")
+    with errors.collect():
+        if placed:
+            # The valid factors are checked even if others are invalid, so that all problems are reported together.
+            some = 1 if wrong_seeds else seeds
+            plan = _plan(labels, bases, plains, placed, some, 0 if _sobol_problems(sobol) else sobol)
+            problems += [one for one in _find_impossible(plan) if not _is_within(one.path, wrong_parts)]
+            if not wrong_parts:
+                problems += _find_ineffective(plan, [factor for factor, _ in placed], own_methods)
+    with errors.collect():
+        if problems:
+            raise ArgumentError(_each_once(problems), source="a sweep")
+    errors.raise_all()
+    assert plan is not None
     return plan
+
+
+def _is_within(path: str, parts: Collection[str]) -> bool:
+    """Return whether a path leads into one of several parts of scenes, or to all of it."""
+    return any(f"{path}.".startswith(f"{part}.") or f"{part}.".startswith(f"{path}.") for part in parts)
 
 
 def _plan(
@@ -160,27 +175,11 @@ def _each_once(problems: Sequence[Problem]) -> list[Problem]:
     return list({(one.path, one.message): one for one in problems}.values())
 
 
-def _loaded(given: SceneLike | Sequence[SceneLike], overrides: Overrides) -> tuple[tuple[str, ...], list[Scene]]:
+def _loaded(
+    given: SceneLike | Sequence[SceneLike], overrides: Overrides, errors: CollectedErrors
+) -> tuple[tuple[str, ...], list[Scene], frozenset[str]]:
+    """Return labels and scenes, or the valid parts of scenes, and their parts with problems."""
     several = [given] if isinstance(given, Scene | Mapping | str | PathLike) else list(given)
-    if not several:
-        raise ArgumentError([Problem("scenes", "must have at least one scene")], source="a sweep")
-    scenes: list[Scene] = []
-    failed: list[SceneError] = []
-    for one in several:
-        try:
-            scenes.append(load_checked_scene(one, overrides=overrides))
-        except SceneError as error:
-            failed.append(error)
-    if len(failed) == 1:
-        raise failed[0]
-    if failed:
-        raise SceneError(
-            [
-                Problem(f"{error.source or 'scene'}: {one.path or '(top level)'}", one.message, one.value)
-                for error in failed
-                for one in error.problems
-            ]
-        )
     names = [Path(one).stem if isinstance(one, str | PathLike) else "" for one in several]
     labels = [
         (str(one) if names.count(name) > 1 else name)
@@ -190,10 +189,22 @@ def _loaded(given: SceneLike | Sequence[SceneLike], overrides: Overrides) -> tup
         else "scene"
         for number, (one, name) in enumerate(zip(several, names, strict=True))
     ]
-    twice = sorted({label for label in labels if labels.count(label) > 1})
-    if twice:
-        raise ArgumentError([Problem("scenes", "must be unique", label) for label in twice], source="a sweep")
-    return tuple(labels), scenes
+    with errors.collect():
+        twice = sorted({label for label in labels if labels.count(label) > 1})
+        problems = [Problem("scenes", "must be unique", label) for label in twice]
+        problems += [] if several else [Problem("scenes", "must have at least one scene")]
+        if problems:
+            raise ArgumentError(problems, source="a sweep")
+    kept, scenes, wrong = list[str](), list[Scene](), set[str]()
+    for one, label in zip(several, labels, strict=True):
+        with errors.collect():
+            reading = read_checked_scene(one, overrides=overrides)
+            if reading.valid_part is not None:
+                kept.append(label)
+                scenes.append(reading.valid_part)
+            wrong |= {part_of(problem.path) for problem in reading.problems}
+            reading.required()
+    return tuple(kept), scenes, frozenset(wrong)
 
 
 def _sobol_problems(sobol: int) -> list[Problem]:

@@ -15,7 +15,7 @@ from scenetruth.design.sweeps.factors import format_level
 from scenetruth.design.sweeps.point_simulation import BOUND, SweepTask, methods_from_scene, run_sweep_task
 from scenetruth.design.sweeps.sweep_plan import SweepPlan, build_plan
 from scenetruth.design.sweeps.sweep_result import Sweep
-from scenetruth.errors import ArgumentError, EstimateError, Problem, SceneError
+from scenetruth.errors import ArgumentError, CollectedErrors, EstimateError, Problem, SceneError
 from scenetruth.estimators.method_specs import MethodLike, MethodSpec, read_methods
 from scenetruth.jobs.executors import describe_pickling_error, resolve_workers
 from scenetruth.jobs.job_folder import JobFolder
@@ -190,10 +190,16 @@ def sweep(
     >>> found.best("depth").values
     {'stage.baseline_mm': 4}
     """
-    contestants = [] if methods is None else read_methods(methods)
-    plan = build_plan(scenes, vary, seeds, sobol_points, overrides=overrides, own_methods=not contestants)
-    resolve_workers(workers)
-    refuse_methods(contestants, workers, scheduler)
+    contestants: list[MethodSpec] = []
+    errors = CollectedErrors()
+    with errors.collect():
+        contestants = [] if methods is None else read_methods(methods)
+    with errors.collect():
+        plan = build_plan(scenes, vary, seeds, sobol_points, overrides=overrides, own_methods=methods is None)
+    with errors.collect():
+        resolve_workers(workers)
+        refuse_methods(contestants, workers, scheduler)
+    errors.raise_all()
     with _FOLDER.open(output, {"format": 1}, scheduler=scheduler) as place:
         plan = assign_backends(plan)
         versions = tuple(sorted(collect_versions().items()))
