@@ -145,7 +145,7 @@ SCENE_MAY_IMPORT = {
     "suggestions": {"scene_models"},
     "yaml_reader": set(),
     "scene_repair": {"texture", "material", "scene_models"},
-    "scene_loader": {"yaml_reader", "scene_models", "scene_repair", "suggestions"},
+    "scene_loader": {"field_paths", "yaml_reader", "scene_models", "scene_repair", "suggestions"},
     "built_scene": {
         *("taylor", "motion", "deformation", "mesh", "surface_tensor_kernels", "reference_configuration"),
         *("vertex_animation", "texture", "material", "scene_object", "scene_models", "band_textures"),

@@ -20,7 +20,7 @@ from scenetruth.errors import Problem, RecipeError, SceneError
 from scenetruth.input_files import bundled_file, bundled_files, validation_context
 from scenetruth.plain_data import plain_problems
 from scenetruth.scene import Overrides, Scene, load_scene, read_input
-from scenetruth.scene.field_paths import PathError, assign, expand
+from scenetruth.scene.field_paths import PathError, assign, expand, order_paths
 from scenetruth.validation_problems import list_problems
 
 __all__ = ["Recipe", "RecipeLike", "load_recipe"]
@@ -231,7 +231,8 @@ def _changed(scene: Scene, recipe: RecipeModel) -> Scene:
         return scene
     plain = scene.to_dict()
     problems = []
-    for path, value in recipe.set.items():
+    for path in order_paths(recipe.set):
+        value = recipe.set[path]
         try:
             for place in expand(plain, path):
                 assign(plain, place, value)

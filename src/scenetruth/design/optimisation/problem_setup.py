@@ -32,7 +32,7 @@ from scenetruth.errors import EstimateError, Problem, SceneError
 from scenetruth.estimators import choose
 from scenetruth.estimators.method_specs import MethodSpec, parse_method
 from scenetruth.scene import Scene, load_scene
-from scenetruth.scene.field_paths import PathError, assign, expand, value_at
+from scenetruth.scene.field_paths import PathError, assign, expand, order_paths, value_at
 from scenetruth.scoring import QUANTITIES
 from scenetruth.scoring.quantities import get_title
 from scenetruth.validation_problems import suggest_word
@@ -109,7 +109,8 @@ def _scene(spec: DesignSpec, problems: list[Problem]) -> Scene | None:
         scene = load_scene(spec.scene)
         scene.require_grey("an optimisation")
         plain = scene.to_dict()
-        for path, value in spec.set.items():
+        for path in order_paths(spec.set):
+            value = spec.set[path]
             try:
                 for place in expand(plain, path):
                     assign(plain, place, value)
