@@ -146,18 +146,22 @@ def _power_of(value: float) -> int:
 def format_interval(low: float, high: float) -> str:
     """Return the text of an interval, to the second significant digit of its half width; empty if undefined.
 
-    If a power of ten is written for one end, both have the same.
+    If a power of ten is written for the end that is larger in magnitude, both have the same; else neither has one.
 
     >>> format_interval(0.19, 0.254), format_interval(math.nan, 1.0), format_interval(0.98, 5.1234)
     ('0.190 to 0.254', '', '1.0 to 5.1')
-    >>> format_interval(2.5e-5, 1.04e-4), format_interval(2e-5, 9.1e-5)
-    ('0.25 to 1.04 × 10⁻⁴', '2.0 to 9.1 × 10⁻⁵')
+    >>> format_interval(2.5e-5, 9.4e-5), format_interval(2e-5, 9.1e-5), format_interval(6.5e-5, 0.0307)
+    ('2.5 to 9.4 × 10⁻⁵', '2.0 to 9.1 × 10⁻⁵', '0.000 to 0.031')
     """
     if not (math.isfinite(low) and math.isfinite(high)):
         return ""
     half = 0.5 * abs(high - low)
     ends = [format_measured(low, half), format_measured(high, half)]
-    if any("×" in end for end in ends):
+    largest = max(ends, key=lambda end: abs((low, high)[ends.index(end)]))
+    if any("×" in end for end in ends) and "×" not in largest and half > 0:
+        digits = max(0, 1 - _power_of(half))
+        ends = [f"{end:.{digits}f}".replace("-", _MINUS) for end in (low, high)]
+    elif "×" in largest:
         power = math.floor(math.log10(max(abs(low), abs(high))))
         digits = max(0, power + 1 - _power_of(half)) if half > 0 else 1
         ends = [f"{end / 10.0**power:.{digits}f}".replace("-", _MINUS) for end in (low, high)]

@@ -311,9 +311,9 @@ def _print_best(found: Sweep, region: str) -> None:
     from rich.table import Table
 
     from scenetruth.cli.console import make_console
-    from scenetruth.design.sweeps.factors import format_level
-    from scenetruth.design.sweeps.plot_model import choose_main_region, list_plotted_quantities
+    from scenetruth.design.sweeps.plot_model import choose_main_region, describe_place, list_plotted_quantities
     from scenetruth.errors import ArgumentError, Problem, visible
+    from scenetruth.number_format import UNDEFINED, format_interval, format_measured
     from scenetruth.scoring.quantities import get_title
 
     regions = {row.region for row in found.rows}
@@ -331,10 +331,11 @@ def _print_best(found: Sweep, region: str) -> None:
             best = found.best(quantity, region=region)
         except KeyError:
             continue
-        at = ", ".join(f"{path} = {format_level(value)}" for path, value in best.values.items())
+        at = describe_place(best)
         scene = f"{best.scene}: " if len(found.scenes) > 1 else ""
-        interval = f"{best.ci_low:.3g} to {best.ci_high:.3g}" if best.ci_low == best.ci_low else "–"
-        cells = (get_title(quantity), f"{best.value:.3g}", interval, best.unit, scene + at, best.method)
+        interval = format_interval(best.ci_low, best.ci_high) or UNDEFINED
+        value = format_measured(best.value, 0.5 * (best.ci_high - best.ci_low))
+        cells = (get_title(quantity), value, interval, best.unit, scene + at, best.method)
         table.add_row(*(visible(cell, lines=False) for cell in cells))
     make_console().print(table)
     for line in (*found.notes, *found.failures):

@@ -23,8 +23,8 @@ from scenetruth.design.optimisation.design_records import (
     decide_rig_target,
     describe_decision,
 )
-from scenetruth.design.optimisation.parameter_words import title_parameter
 from scenetruth.design.optimisation.standard_lens import StandardLens, describe_standard_lens
+from scenetruth.design.parameter_words import title_parameter
 from scenetruth.errors import ArgumentError, Problem, StoreError
 from scenetruth.output import claim_folder, write_atomically
 from scenetruth.plain_data import parse_json

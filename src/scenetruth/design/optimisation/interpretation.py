@@ -17,7 +17,6 @@ from scenetruth.design.optimisation.design_records import (
     RuleOfThumb,
     Sensitivity,
 )
-from scenetruth.design.optimisation.parameter_words import describe_parameter, title_parameter
 from scenetruth.design.optimisation.problem_setup import OptimisationProblem
 from scenetruth.design.optimisation.rig_context import RigContext
 from scenetruth.design.optimisation.rig_evaluation import (
@@ -29,6 +28,7 @@ from scenetruth.design.optimisation.rig_evaluation import (
     rank_evaluations,
 )
 from scenetruth.design.optimisation.specification import DesignSpec
+from scenetruth.design.parameter_words import describe_parameter, title_parameter
 from scenetruth.design.prediction.analytic_prediction import NO_STAGE_ERRORS
 from scenetruth.errors import Problem
 from scenetruth.number_format import format_number, format_value

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from scenetruth.design.optimisation.design_records import Objective, PredictionInterval, RigDesign, Sensitivity
 from scenetruth.design.optimisation.design_result import DesignResult
-from scenetruth.design.optimisation.parameter_words import describe_parameter, label_parameter, title_parameter
+from scenetruth.design.parameter_words import describe_parameter, label_parameter, title_parameter
 from scenetruth.html import COLOURS, Chart
 from scenetruth.number_format import (
     format_estimate,

@@ -25,7 +25,6 @@ from scenetruth.design.optimisation.design_result import (
     describe_rank_consistency,
     write_screening_table,
 )
-from scenetruth.design.optimisation.parameter_words import title_parameter
 from scenetruth.design.optimisation.report.design_charts import build_front_charts, build_sensitivity_charts
 from scenetruth.design.optimisation.report.design_tables import (
     build_constraint_table,
@@ -49,6 +48,7 @@ from scenetruth.design.optimisation.report.scene_file import (
 from scenetruth.design.optimisation.report.side_view import assign_colours, describe_side_view, draw_side_views
 from scenetruth.design.optimisation.report.side_view_geometry import compute_side_view
 from scenetruth.design.optimisation.standard_lens import describe_standard_lens
+from scenetruth.design.parameter_words import title_parameter
 from scenetruth.html import render_page
 from scenetruth.number_format import (
     format_interval,

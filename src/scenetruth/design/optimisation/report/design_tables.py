@@ -16,8 +16,8 @@ from scenetruth.design.optimisation.design_records import (
     compute_rig_interval,
 )
 from scenetruth.design.optimisation.design_result import DesignResult
-from scenetruth.design.optimisation.parameter_words import title_parameter
 from scenetruth.design.optimisation.report.scene_file import build_scene_file
+from scenetruth.design.parameter_words import title_parameter
 from scenetruth.html import HtmlCell, HtmlTable
 from scenetruth.number_format import (
     UNDEFINED,

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import yaml
 
-from scenetruth.design.optimisation.parameter_words import describe_parameter, label_parameter, title_parameter
+from scenetruth.design.parameter_words import describe_parameter, label_parameter, title_parameter
 from tests.helpers.scenes import SCENES
 
 
