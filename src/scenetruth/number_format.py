@@ -21,6 +21,7 @@ __all__ = [
     "format_signed_percent",
     "format_two_digits",
     "format_value",
+    "format_with_std",
     "humanise",
 ]
 
@@ -51,16 +52,18 @@ def format_number(value: float | None, digits: int = 3) -> str:
 
 
 def format_two_digits(value: float) -> str:
-    """Format a number with two significant digits, three of hundreds, without an exponent where possible.
+    """Format a number with two significant digits, three of hundreds, without a power of ten where possible.
 
     >>> format_two_digits(0.0523), format_two_digits(1.4), format_two_digits(664.2), format_two_digits(36547.0)
     ('0.052', '1.4', '664', '37000')
+    >>> format_two_digits(4.4e-5), format_two_digits(1.2e7)
+    ('4.4 × 10⁻⁵', '1.2 × 10⁷')
     """
     if not math.isfinite(value):
         return UNDEFINED
     if value == 0 or 1e-4 <= abs(value) < 1e5:
         return f"{value:.0f}" if 1e2 <= abs(value) < 1e3 else f"{float(f'{value:.1e}'):.10g}"
-    return f"{value:.1e}"
+    return format_number(value, 2)
 
 
 def format_percent_value(fraction: float | None) -> str:
@@ -136,6 +139,24 @@ def format_measured(value: float | None, uncertainty: float | None, digits: int 
     last = min(_power_of(uncertainty) - 1, math.floor(math.log10(abs(value))))
     shown = round(value, -last) or value
     return format_number(shown, max(1, min(digits, _power_of(shown) - last + 1)))
+
+
+def format_with_std(value: float, std: float, digits: int = 9) -> str:
+    """Format a number with its standard deviation, both to the second significant digit of the latter.
+
+    >>> format_with_std(601.24, 0.0869), format_with_std(0.39106, 0.0007), format_with_std(1700.2987, 0.097)
+    ('601.240 ± 0.087', '0.39106 ± 0.00070', '1700.299 ± 0.097')
+    >>> format_with_std(5.7369e-05, 2.5e-05), format_with_std(-1.36e-05, 3.6e-05), format_with_std(0.0, 0.0)
+    ('(5.7 ± 2.5) × 10⁻⁵', '(−1.4 ± 3.6) × 10⁻⁵', '0 ± 0')
+    """
+    texts = [format_measured(value, std, digits), format_number(std, 2)]
+    largest = max(abs(value), abs(std))
+    if not any("×" in text for text in texts) or not math.isfinite(largest):
+        return " ± ".join(texts)
+    power = math.floor(math.log10(largest))
+    scale = 10.0**-power
+    texts = [format_measured(scale * value, scale * std, digits), format_number(scale * std, 2)]
+    return f"({' ± '.join(texts)}) × 10{str(power).translate(_SUPERSCRIPTS)}"
 
 
 def _power_of(value: float) -> int:

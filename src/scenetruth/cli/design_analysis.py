@@ -219,6 +219,7 @@ def _print_prediction(prediction: Prediction, region: str) -> None:
 
     from scenetruth.cli.console import make_console
     from scenetruth.errors import visible
+    from scenetruth.number_format import format_two_digits
 
     causes = prediction.causes
     of = "minimum standard deviation" if prediction.method == "refined" else "standard deviation"
@@ -231,13 +232,15 @@ def _print_prediction(prediction: Prediction, region: str) -> None:
     make_console().print(table)
     rows = {
         "grey-value noise": f"{100 * causes.noise_std:.3g} % of full scale, and "
-        f"{100 * causes.pattern_std:.2g} % fixed-pattern noise",
+        f"{format_two_digits(100 * causes.pattern_std)} % fixed-pattern noise",
         "texture": f"contrast {100 * causes.contrast:.3g} % of full scale, gradient "
         f"{100 * causes.gradient_x:.3g} and {100 * causes.gradient_y:.3g} % per px along x and y, wavelength about "
         f"{causes.wavelength_px:.3g} px",
         "lens, pixels, motion": f"transfer {100 * causes.transfer:.3g} % of the contrast; during exposure, "
         + (
-            f"points move by up to {causes.blur_px:.2g} px (95th percentile)" if causes.blur_px > 0 else "nothing moves"
+            f"points move by up to {format_two_digits(causes.blur_px)} px (95th percentile)"
+            if causes.blur_px > 0
+            else "nothing moves"
         ),
         "rig": f"{causes.positions} positions, {causes.frames} frames at a time, {causes.disparity_px:.3g} px per step "
         f"at {causes.depth_mm:.4g} mm",
