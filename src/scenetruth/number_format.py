@@ -21,6 +21,7 @@ __all__ = [
     "format_signed_percent",
     "format_two_digits",
     "format_value",
+    "format_with_std",
     "humanise",
 ]
 
@@ -51,16 +52,18 @@ def format_number(value: float | None, digits: int = 3) -> str:
 
 
 def format_two_digits(value: float) -> str:
-    """Format a number with two significant digits, three of hundreds, without an exponent where possible.
+    """Format a number with two significant digits, three of hundreds, without a power of ten where possible.
 
     >>> format_two_digits(0.0523), format_two_digits(1.4), format_two_digits(664.2), format_two_digits(36547.0)
     ('0.052', '1.4', '664', '37000')
+    >>> format_two_digits(4.4e-5), format_two_digits(1.2e7)
+    ('4.4 × 10⁻⁵', '1.2 × 10⁷')
     """
     if not math.isfinite(value):
         return UNDEFINED
     if value == 0 or 1e-4 <= abs(value) < 1e5:
         return f"{value:.0f}" if 1e2 <= abs(value) < 1e3 else f"{float(f'{value:.1e}'):.10g}"
-    return f"{value:.1e}"
+    return format_number(value, 2)
 
 
 def format_percent_value(fraction: float | None) -> str:
@@ -138,6 +141,24 @@ def format_measured(value: float | None, uncertainty: float | None, digits: int 
     return format_number(shown, max(1, min(digits, _power_of(shown) - last + 1)))
 
 
+def format_with_std(value: float, std: float, digits: int = 9) -> str:
+    """Format a number with its standard deviation, both to the second significant digit of the latter.
+
+    >>> format_with_std(601.24, 0.0869), format_with_std(0.39106, 0.0007), format_with_std(1700.2987, 0.097)
+    ('601.240 ± 0.087', '0.39106 ± 0.00070', '1700.299 ± 0.097')
+    >>> format_with_std(5.7369e-05, 2.5e-05), format_with_std(-1.36e-05, 3.6e-05), format_with_std(0.0, 0.0)
+    ('(5.7 ± 2.5) × 10⁻⁵', '(−1.4 ± 3.6) × 10⁻⁵', '0 ± 0')
+    """
+    texts = [format_measured(value, std, digits), format_number(std, 2)]
+    largest = max(abs(value), abs(std))
+    if not any("×" in text for text in texts) or not math.isfinite(largest):
+        return " ± ".join(texts)
+    power = math.floor(math.log10(largest))
+    scale = 10.0**-power
+    texts = [format_measured(scale * value, scale * std, digits), format_number(scale * std, 2)]
+    return f"({' ± '.join(texts)}) × 10{str(power).translate(_SUPERSCRIPTS)}"
+
+
 def _power_of(value: float) -> int:
     """Return the power of ten of the first significant digit, after rounding to two."""
     return int(f"{abs(value):.1e}".partition("e")[2])
@@ -146,18 +167,22 @@ def _power_of(value: float) -> int:
 def format_interval(low: float, high: float) -> str:
     """Return the text of an interval, to the second significant digit of its half width; empty if undefined.
 
-    If a power of ten is written for one end, both have the same.
+    If a power of ten is written for the end that is larger in magnitude, both have the same; else neither has one.
 
     >>> format_interval(0.19, 0.254), format_interval(math.nan, 1.0), format_interval(0.98, 5.1234)
     ('0.190 to 0.254', '', '1.0 to 5.1')
-    >>> format_interval(2.5e-5, 1.04e-4), format_interval(2e-5, 9.1e-5)
-    ('0.25 to 1.04 × 10⁻⁴', '2.0 to 9.1 × 10⁻⁵')
+    >>> format_interval(2.5e-5, 9.4e-5), format_interval(2e-5, 9.1e-5), format_interval(6.5e-5, 0.0307)
+    ('2.5 to 9.4 × 10⁻⁵', '2.0 to 9.1 × 10⁻⁵', '0.000 to 0.031')
     """
     if not (math.isfinite(low) and math.isfinite(high)):
         return ""
     half = 0.5 * abs(high - low)
     ends = [format_measured(low, half), format_measured(high, half)]
-    if any("×" in end for end in ends):
+    largest = max(ends, key=lambda end: abs((low, high)[ends.index(end)]))
+    if any("×" in end for end in ends) and "×" not in largest and half > 0:
+        digits = max(0, 1 - _power_of(half))
+        ends = [f"{end:.{digits}f}".replace("-", _MINUS) for end in (low, high)]
+    elif "×" in largest:
         power = math.floor(math.log10(max(abs(low), abs(high))))
         digits = max(0, power + 1 - _power_of(half)) if half > 0 else 1
         ends = [f"{end / 10.0**power:.{digits}f}".replace("-", _MINUS) for end in (low, high)]

@@ -29,7 +29,7 @@ def test_it_reads_on_a_phone_and_by_those_who_do_not_see_it(page: Any, width_px:
 
 
 def test_no_figure_loses_its_last_digits(browser: Any, tmp_path: Path) -> None:
-    # Seven characters, as many as a figure has: 0.00014 mm, 5.0e-06 mm.
+    # Nine characters, as many as a figure has: 0.00014 mm, 5.0 × 10⁻⁶ mm.
     phone = {"width": 375, "height": 800}
     with opened(
         browser, write_page(budget_of_a_cube(scale=1e-4), tmp_path), ".chart .main-svg", viewport=phone

@@ -65,7 +65,7 @@ def test_every_chart_is_drawn_and_tells_which_rig_a_point_is(page: Any) -> None:
     page.wait_for_selector(".hoverlayer .hovertext")
     told = page.locator(".hoverlayer .hovertext").text_content()
     assert "Rig 642" in told
-    assert "stage.baseline_mm = 16" in told
+    assert "baseline 16 mm" in told
 
 
 def test_simulations_have_bars_both_ways(page: Any) -> None:

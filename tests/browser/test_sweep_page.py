@@ -25,8 +25,8 @@ def test_choices_redraw(page: Any) -> None:
     before = page.locator(".chart").nth(1).get_attribute("aria-label")
     page.select_option("#statistic", "bias")
     after = page.locator(".chart").nth(1).get_attribute("aria-label")
-    assert before.startswith("Depth: RMSE, mm, over stage.baseline_mm.")
-    assert after.startswith("Depth: bias, mm, over stage.baseline_mm.")
+    assert before.startswith("Depth: RMSE, mm, over baseline, mm.")
+    assert after.startswith("Depth: bias, mm, over baseline, mm.")
     assert page.locator(".chart.js-plotly-plot").count() == 2
     # Charts keep to their places.
     for number in range(2):

@@ -100,7 +100,7 @@ def test_a_sweep_is_made_and_goes_on(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "2 points with 2 seeds: 4 simulations, 4 of them to run" in done.stderr
     assert "smallest RMSE of each quantity, region interior" in done.stdout
-    assert "stage.baseline_mm = 1" in done.stdout
+    assert "baseline 1 mm" in done.stdout
     assert {name for name in names(out) if not name.startswith(".")} == RESULTS
     assert "4 simulations, 0 of them to run" in scenetruth(*words).stderr
     frame = pd.read_csv(out / "results.csv")

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 import scenetruth as st
+from scenetruth.estimators import choose
 from scenetruth.scene.scene_loader import apply_overrides
 from tests.helpers.scenes import SCENES, cube
 
@@ -168,6 +169,42 @@ def test_overrides_reach_into_lists_and_new_sections() -> None:
 def test_overrides_that_do_not_fit(override: str, message: str) -> None:
     with pytest.raises(st.SceneError, match=message):
         st.load_scene(SCENES / "cube.yaml", overrides=[override])
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [["estimate.method=refined"], {"estimate.method": "refined"}],
+)
+def test_settings_of_the_former_method_are_dropped_with_a_warning(overrides: Any) -> None:
+    with pytest.warns(st.SceneWarning, match=r"^estimate\.method: the settings of 'structure_tensor' .*: tau "):
+        scene = st.load_scene(SCENES / "leaf.yaml", overrides=overrides)
+    assert scene.estimate == choose({"method": "refined"})
+    # Of a scene that is loaded, every setting has a value: only those without their default are named.
+    with pytest.warns(st.SceneWarning, match="'refined': tau ignored"):
+        assert st.load_scene(st.load_scene(SCENES / "leaf.yaml"), overrides=overrides) == scene
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ["estimate.window_sigma_px=4.5", "estimate.method=refined"],
+        ["estimate.method=refined", "estimate.window_sigma_px=4.5"],
+    ],
+)
+def test_settings_of_the_same_overrides_stay(overrides: list[str]) -> None:
+    with pytest.warns(st.SceneWarning, match="tau ignored"):
+        scene = st.load_scene(SCENES / "leaf.yaml", overrides=overrides)
+    assert scene.estimate == choose({"method": "refined", "window_sigma_px": 4.5})
+
+
+def test_settings_stay_where_the_method_does_not_change_or_does_not_exist() -> None:
+    leaf = SCENES / "leaf.yaml"
+    assert st.load_scene(leaf, overrides=["estimate.method=structure_tensor"]) == st.load_scene(leaf)
+    with pytest.raises(st.SceneError, match="no such method; did you mean 'refined'") as error:
+        st.load_scene(leaf, overrides=["estimate.method=refind"])
+    assert len(error.value.problems) == 1
+    with pytest.raises(st.SceneError, match=r"estimate\.tau: unknown setting of 'refined'"):
+        st.load_scene(leaf, overrides=["estimate.method=refined", "estimate.tau=0.1"])
 
 
 plain_values = some.recursive(

@@ -20,6 +20,7 @@ from scenetruth.html import render_page
 from scenetruth.number_format import format_measured, format_number
 from scenetruth.output import write_atomically
 from scenetruth.scoring.quantities import get_title
+from scenetruth.scoring.statistics import STATISTIC_TITLES
 
 __all__ = ["WorstRegion", "write_benchmark_report"]
 
@@ -138,11 +139,11 @@ def _section(found: BenchmarkResult, case: Case, words: Sequence[Sequence[str]],
         [
             row.method,
             case.get_label(row.level),
-            row.quantity,
-            row.pixels,
-            row.statistic,
+            get_title(row.quantity),
+            _PIXELS.get(row.pixels, row.pixels),
+            STATISTIC_TITLES[row.statistic],
             format_measured(row.value, 0.5 * (row.ci_high - row.ci_low)),
-            row.unit,
+            "" if row.unit == "1" else row.unit,
         ]
         for row in rows
         if row.quantity and row.statistic in _SUMMARY_STATISTICS and row.method != BOUND
@@ -153,7 +154,7 @@ def _section(found: BenchmarkResult, case: Case, words: Sequence[Sequence[str]],
     concluded = [
         (
             row.method,
-            row.statistic.replace("_", " "),
+            STATISTIC_TITLES.get(row.statistic, row.statistic.replace("_", " ")),
             format_measured(row.value, 0.5 * (row.ci_high - row.ci_low)),
             row.unit,
         )
@@ -170,6 +171,7 @@ def _section(found: BenchmarkResult, case: Case, words: Sequence[Sequence[str]],
     }
 
 
+_PIXELS = {"method_valid": "valid for the method", "common_valid": "valid for all methods"}
 _SUMMARY_STATISTICS = (
     "bias",
     "rmse",

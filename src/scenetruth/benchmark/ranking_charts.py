@@ -10,6 +10,7 @@ from typing import Any
 from scenetruth.benchmark.benchmark_result import BenchmarkResult, RankedMethod, Ranking
 from scenetruth.benchmark.cases.case import BOUND, COMMON_VALID, METHOD_VALID, BenchmarkRecord, Case
 from scenetruth.html import COLOURS, Chart
+from scenetruth.number_format import format_two_digits
 from scenetruth.scoring.quantities import get_title, get_units
 from scenetruth.scoring.statistics import STATISTIC_TITLES
 
@@ -275,7 +276,10 @@ def _describe_lines(data: Iterable[Mapping[str, Any]]) -> str:
             if isinstance(points[0][0], str):
                 points.sort(key=lambda point: point[1])
             (x0, y0), (x1, y1) = points[0], points[-1]
-            entries.append(f"{line['name']}: {y0:.2g} at {_format_place(x0)}, {y1:.2g} at {_format_place(x1)}")
+            entries.append(
+                f"{line['name']}: {format_two_digits(y0)} at {_format_place(x0)}, "
+                f"{format_two_digits(y1)} at {_format_place(x1)}"
+            )
     return "; ".join(entries) + "."
 
 

@@ -13,6 +13,7 @@ from scenetruth.capture.corrections import FixedPatternCorrection
 from scenetruth.capture.file_patterns import MatchedFile
 from scenetruth.capture.folder_reading import CaptureFolder
 from scenetruth.capture.radiometry import SensorNoise
+from scenetruth.number_format import format_two_digits
 from scenetruth.progress import Progress, say
 
 __all__ = ["BoardReader", "in_camera_pixels"]
@@ -66,7 +67,7 @@ class BoardReader:
         reader = cls(folder, folder.correction(), noise if known else None, progress, {})
         if known and "flat" not in folder.sets:
             reader.gain_spread = reader.measure_gain_spread()
-            share = f"the gains of the pixels differ by {100 * reader.gain_spread:.2g} %"
+            share = f"the gains of the pixels differ by {format_two_digits(100 * reader.gain_spread)} %"
             say(f"files.flat: not stated; {share}, which adds to the noise of the corners")
         return reader
 

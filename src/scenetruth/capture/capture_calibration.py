@@ -42,6 +42,7 @@ from scenetruth.capture.folder_reading import CaptureFolder, measurement_hash, o
 from scenetruth.capture.measurement_check import compare_measurement
 from scenetruth.capture.rectification import calibration_problems
 from scenetruth.errors import CaptureError, Problem
+from scenetruth.number_format import format_two_digits
 from scenetruth.output import check_output, write_atomically
 from scenetruth.progress import Progress, say
 
@@ -409,7 +410,10 @@ def _detect(folder: CaptureFolder, progress: Progress | None) -> Observations:
         progress("detect boards", len(images), len(images))
     found = _with_strip(found, folder, reader)
     for name, share in reader.saturated.items():
-        say(f"{name}: {100 * share:.2g} % of the pixels are saturated, and not used; shorten the exposure")
+        say(
+            f"{name}: {format_two_digits(100 * share)} % of the pixels "
+            "are saturated, and not used; shorten the exposure"
+        )
     return in_camera_pixels(found, folder)
 
 

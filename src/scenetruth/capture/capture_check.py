@@ -25,6 +25,7 @@ from scenetruth.capture.ingest import list_missing
 from scenetruth.capture.radiometry import GammaFit, SensorNoise, measure_noise
 from scenetruth.capture.response_check import CaptureFinding, Severity, check_response
 from scenetruth.errors import ArgumentError, CaptureError, Problem
+from scenetruth.number_format import format_two_digits
 from scenetruth.progress import Progress
 
 __all__ = ["CaptureFinding", "CaptureReport", "check_capture", "sensor_noise"]
@@ -280,7 +281,8 @@ def _saturation(
     if share <= _SATURATED:
         return []
     message = (
-        f"{100 * share:.3g} % of all pixels have nearly the same value of {level} DN (± {spread:.2g}), the largest of "
+        f"{100 * share:.3g} % of all pixels have nearly the same value of "
+        f"{level} DN (± {format_two_digits(spread)}), the largest of "
         f"all, which is below the full scale of {len(counts) - 1}"
     )
     if noise is None or not np.isfinite(noise.gain_dn_per_e):
@@ -290,7 +292,8 @@ def _saturation(
     if spread > _PART_OF_NOISE * expected:
         return []
     message += (
-        f", with less than the noise of {expected:.2g} DN that light of this level has: the camera saturates there. "
+        f", with less than the noise of {format_two_digits(expected)} DN that "
+        "light of this level has: the camera saturates there. "
         "Shorten the exposure, and correct bit_depth"
     )
     return [CaptureFinding("saturated", "error", message)]
@@ -452,7 +455,10 @@ def _flat(folder: CaptureFolder) -> list[CaptureFinding]:
     if correction is None or correction.defects is None or not correction.defects.any():
         return []
     count = int(correction.defects.sum())
-    message = f"{count:,} pixels are defective ({100 * count / correction.defects.size:.2g} %), and will be invalid"
+    message = (
+        f"{count:,} pixels are defective ({format_two_digits(100 * count / correction.defects.size)} "
+        "%), and will be invalid"
+    )
     return [CaptureFinding("flat", "note", message)]
 
 

@@ -14,6 +14,7 @@ from scenetruth.capture.calibration.corner_detection import opencv
 from scenetruth.capture.folder_reading import CaptureFolder, measurement_hash
 from scenetruth.capture.ingest import RecordingPlan
 from scenetruth.capture.rectification import Rectification, recorded_pixels
+from scenetruth.number_format import format_two_digits
 
 __all__ = ["compare_measurement", "contradictions"]
 
@@ -227,7 +228,8 @@ def _compare_strip(calibration: RigCalibration) -> list[str]:
     largest = float(np.abs(values[turns]).max()) if turns else 0.0
     return [
         f"strip: shows other poses of the camera in the measurement than the board (chi-squared {square:.0f} for "
-        f"{int(usable.sum())}, turned by up to {1e6 * largest:.2g} µrad): it was knocked or remounted, or the guide "
+        f"{int(usable.sum())}, turned by up to {format_two_digits(1e6 * largest)} "
+        "µrad): it was knocked or remounted, or the guide "
         "does not repeat, which the strip corrects; or the strip has another size than strip.file states. Calibrate "
         "again, check the strip, or state the tolerance in strip.errors"
     ]
@@ -247,7 +249,8 @@ def _describe_parallax(calibration: RigCalibration, parallaxes: Sequence[_Parall
         if abs(turn) > _SIGMAS * std and abs(turn) * np.abs(along).max() > _SMALL_PX:
             return [
                 f"images of the measurement: are displaced across the stage by {1e3 * turn:+.2g} ± {1e3 * std:.1g} "
-                f"mrad of their displacement along it (up to {np.abs(across).max():.2g} px): the camera was knocked or "
+                "mrad of their displacement along it (up to "
+                f"{format_two_digits(np.abs(across).max())} px): the camera was knocked or "
                 "remounted since the calibration; calibrate again with this mounting, or add a fiducial strip"
             ]
     found = []

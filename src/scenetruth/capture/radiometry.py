@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scenetruth.camera.sensor import QUANTISATION_VARIANCE, fit_response_line
 from scenetruth.capture.image_reading import FrameMoments, frame_moments
 from scenetruth.errors import ArgumentError, Problem
-from scenetruth.number_format import format_measured, format_two_digits
+from scenetruth.number_format import format_with_std
 
 __all__ = [
     "GammaFit",
@@ -61,7 +61,7 @@ class SensorNoise:
     --------
     >>> noise = SensorNoise(0.4, 0.001, 16, 0.01, 0.9, 0.01, 2.1, 0.03, 0.5, 0.01, 0.005, 0.0001)
     >>> round(float(noise.variance_dn2(1016.0)), 2), noise.describe()[0]
-    (400.81, 'gain K: 0.4000 ± 0.001 DN per electron')
+    (400.81, 'gain K: 0.4000 ± 0.0010 DN per electron')
     """
 
     gain_dn_per_e: float
@@ -93,7 +93,7 @@ class SensorNoise:
             ("PRNU", self.prnu, self.prnu_std, "%", 100.0),
         )
         return [
-            f"{name}: {format_measured(k * value, k * std, 8)} ± {format_two_digits(k * std)} {unit}"
+            f"{name}: {format_with_std(k * value, k * std, 8)} {unit}"
             for name, value, std, unit, k in rows
             if np.isfinite(value)
         ] + list(self.notes)

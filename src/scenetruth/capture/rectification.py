@@ -17,6 +17,7 @@ from scenetruth.capture.capture_file import Capture
 from scenetruth.capture.corrections import noise_share, resample_image, touched_pixels
 from scenetruth.capture.image_reading import PixelFormat
 from scenetruth.errors import Problem
+from scenetruth.number_format import format_two_digits
 
 __all__ = [
     "Geometry",
@@ -222,7 +223,7 @@ def calibration_problems(
         problems.append(Problem("camera.plane", message, pixels.plane))
     taller = abs(calibration.value("aspect")) * calibration.height / 2
     if geometry == "recorded" and taller > _MOST_TALLER_PX:
-        message = f"has pixels that are not square (aspect {calibration.value('aspect'):.2g})"
+        message = f"has pixels that are not square (aspect {format_two_digits(calibration.value('aspect'))})"
         problems.append(Problem("calibration", f"{message}: use images that are resampled (geometry='rectified')"))
     size, own = (capture.camera.width, capture.camera.height), (calibration.width, calibration.height)
     if own != size:

@@ -11,6 +11,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from scenetruth.errors import ArgumentError, Problem
+from scenetruth.number_format import format_two_digits, format_with_std
 from scenetruth.scoring.common_errors import COMMON_QUANTITIES, CommonField, MeasuredPoints, has_common_part
 
 __all__ = ["RegionMean", "region_mean"]
@@ -46,7 +47,7 @@ class RegionMean:
     --------
     >>> mean = RegionMean(601.24, 0.087, 0.012, 0.086, "mm", (2400,))
     >>> print(mean)
-    601.24 ± 0.087 mm (in common: 0.086)
+    601.240 ± 0.087 mm (in common: 0.086)
     """
 
     value: float
@@ -57,7 +58,7 @@ class RegionMean:
     count: tuple[int, ...]
 
     def __str__(self) -> str:
-        return f"{self.value:.6g} ± {self.std:.2g} {self.units} (in common: {self.std_common:.2g})"
+        return f"{format_with_std(self.value, self.std)} {self.units} (in common: {format_two_digits(self.std_common)})"
 
 
 def region_mean(
@@ -128,9 +129,9 @@ def region_mean(
     >>> found = add_calibration_errors(estimate, rig)
     >>> right = np.arange(60) >= np.full((40, 1), 30)
     >>> print(region_mean(found, "depth", right, correlation_px=3))
-    510 ± 0.51 mm (in common: 0.51)
+    510.00 ± 0.51 mm (in common: 0.51)
     >>> print(region_mean(found, "depth", right, minus=~right, correlation_px=3))
-    10 ± 0.039 mm (in common: 0.01)
+    10.000 ± 0.039 mm (in common: 0.01)
     """
     problems: list[Problem] = []
     lacking = [name for name in (quantity, f"{quantity}_std") if name not in estimate]

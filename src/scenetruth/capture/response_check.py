@@ -11,6 +11,7 @@ import numpy as np
 from scenetruth.capture.folder_reading import CaptureFolder
 from scenetruth.capture.radiometry import GammaFit, fit_gamma, measure_linearity
 from scenetruth.errors import ArgumentError
+from scenetruth.number_format import format_two_digits
 
 __all__ = ["CaptureFinding", "Severity", "check_response"]
 
@@ -200,5 +201,5 @@ def _exposures(folder: CaptureFolder) -> list[CaptureFinding]:
             f"less the dark frames (power of {linearity.exponent:.3f})"
         )
         return [CaptureFinding("dark", "error", f"files.dark: {message}; take new dark frames")]
-    message = f"flat fields are proportional to the exposure time within {100 * linearity.error:.2g} %"
+    message = f"flat fields are proportional to the exposure time within {format_two_digits(100 * linearity.error)} %"
     return [CaptureFinding("gamma", "note", message)]

@@ -219,6 +219,7 @@ def _print_prediction(prediction: Prediction, region: str) -> None:
 
     from scenetruth.cli.console import make_console
     from scenetruth.errors import visible
+    from scenetruth.number_format import format_two_digits
 
     causes = prediction.causes
     of = "minimum standard deviation" if prediction.method == "refined" else "standard deviation"
@@ -231,13 +232,15 @@ def _print_prediction(prediction: Prediction, region: str) -> None:
     make_console().print(table)
     rows = {
         "grey-value noise": f"{100 * causes.noise_std:.3g} % of full scale, and "
-        f"{100 * causes.pattern_std:.2g} % fixed-pattern noise",
+        f"{format_two_digits(100 * causes.pattern_std)} % fixed-pattern noise",
         "texture": f"contrast {100 * causes.contrast:.3g} % of full scale, gradient "
         f"{100 * causes.gradient_x:.3g} and {100 * causes.gradient_y:.3g} % per px along x and y, wavelength about "
         f"{causes.wavelength_px:.3g} px",
         "lens, pixels, motion": f"transfer {100 * causes.transfer:.3g} % of the contrast; during exposure, "
         + (
-            f"points move by up to {causes.blur_px:.2g} px (95th percentile)" if causes.blur_px > 0 else "nothing moves"
+            f"points move by up to {format_two_digits(causes.blur_px)} px (95th percentile)"
+            if causes.blur_px > 0
+            else "nothing moves"
         ),
         "rig": f"{causes.positions} positions, {causes.frames} frames at a time, {causes.disparity_px:.3g} px per step "
         f"at {causes.depth_mm:.4g} mm",
@@ -322,9 +325,9 @@ def _print_best(found: Sweep, region: str) -> None:
     from rich.table import Table
 
     from scenetruth.cli.console import make_console
-    from scenetruth.design.sweeps.factors import format_level
-    from scenetruth.design.sweeps.plot_model import choose_main_region, list_plotted_quantities
+    from scenetruth.design.sweeps.plot_model import choose_main_region, describe_place, list_plotted_quantities
     from scenetruth.errors import ArgumentError, Problem, visible
+    from scenetruth.number_format import UNDEFINED, format_interval, format_measured
     from scenetruth.scoring.quantities import get_title
 
     regions = {row.region for row in found.rows}
@@ -342,10 +345,11 @@ def _print_best(found: Sweep, region: str) -> None:
             best = found.best(quantity, region=region)
         except KeyError:
             continue
-        at = ", ".join(f"{path} = {format_level(value)}" for path, value in best.values.items())
+        at = describe_place(best)
         scene = f"{best.scene}: " if len(found.scenes) > 1 else ""
-        interval = f"{best.ci_low:.3g} to {best.ci_high:.3g}" if best.ci_low == best.ci_low else "–"
-        cells = (get_title(quantity), f"{best.value:.3g}", interval, best.unit, scene + at, best.method)
+        interval = format_interval(best.ci_low, best.ci_high) or UNDEFINED
+        value = format_measured(best.value, 0.5 * (best.ci_high - best.ci_low))
+        cells = (get_title(quantity), value, interval, best.unit, scene + at, best.method)
         table.add_row(*(visible(cell, lines=False) for cell in cells))
     make_console().print(table)
     for line in (*found.notes, *found.failures):

@@ -118,9 +118,11 @@ def _print_summary(found: BenchmarkResult) -> None:
     from rich.markup import escape
     from rich.table import Table
 
+    from scenetruth.benchmark.ranking_charts import describe_quantity
     from scenetruth.errors import visible
+    from scenetruth.number_format import format_two_digits
 
-    frame = found.ranking()
+    frame, names = found.ranking(), [describe_quantity(one) for one in found.headlines()]
     labels = [visible(str(label), lines=False) for label in frame.columns]
     # Maximum number of columns in a terminal of 80 characters.
     for first in range(0, len(labels), _BESIDE):
@@ -128,9 +130,9 @@ def _print_summary(found: BenchmarkResult) -> None:
         table.add_column("case", max_width=30)
         for label in labels[first : first + _BESIDE]:
             table.add_column(escape(label), justify="right", overflow="fold", min_width=8)
-        for name, cells in frame.iterrows():
-            numbers = list(cells)[first : first + _BESIDE]
-            table.add_row(escape(str(name)), *("–" if one != one else f"{one:.2g}" for one in numbers))
+        for name, cells in zip(names, frame.to_numpy(), strict=True):
+            numbers = cells[first : first + _BESIDE]
+            table.add_row(escape(name), *(format_two_digits(float(one)) for one in numbers))
         Console().print(table)
     for line in found.convention_mismatches:
         typer.echo(f"possible convention error: {visible(line, lines=False)}", err=True)

@@ -18,6 +18,7 @@ from pydantic import AfterValidator, Field, model_validator
 from scenetruth.dataset.expression import Expression
 from scenetruth.errors import Problem
 from scenetruth.input_files import InputFile, regular_file_size
+from scenetruth.number_format import format_two_digits
 from scenetruth.validated_model import Direction, Finite, FrozenModel, Name, NonNegative, Positive
 
 __all__ = [
@@ -408,7 +409,10 @@ class NormalDistribution(RandomDistribution):
             raise ValueError(msg)
         below, above = self._shares()
         if above - below < _RARE:
-            msg = f"has hardly any values between its limits (probability {above - below:.2g}); adjust mean or limits"
+            msg = (
+                "has hardly any values between its limits (probability "
+                f"{format_two_digits(above - below)}); adjust mean or limits"
+            )
             raise ValueError(msg)
         return self
 

@@ -24,7 +24,7 @@ from scenetruth.dataset.recipe_model import RecipeModel
 from scenetruth.errors import Problem, RecipeError, SceneError
 from scenetruth.random_streams import generator_for
 from scenetruth.scene import Scene
-from scenetruth.scene.field_paths import PathError, assign, expand
+from scenetruth.scene.field_paths import PathError, assign, expand, order_paths
 
 __all__ = ["HELD_OUT", "Draw", "Sampler", "UniformDraws", "VariedField", "build_drawn_scene"]
 
@@ -322,10 +322,14 @@ class Sampler:
 
     def _scene_with(self, base: int, values: Mapping[str, Any]) -> dict[str, Any]:
         plain = copy.deepcopy(self._plain[base])
-        for item in self.varied:
-            for place in item.places if item.key in values else ():
-                if self.unexamined is None or not self.unexamined.has(base, place):
-                    self._put(plain, place, values[item.key])
+        drawn = {
+            place: values[item.key]
+            for item in self.varied
+            for place in (item.places if item.key in values else ())
+            if self.unexamined is None or not self.unexamined.has(base, place)
+        }
+        for place in order_paths(drawn):
+            self._put(plain, place, drawn[place])
         return plain
 
     def _draw_base(self, draw: int, attempt: int) -> int:

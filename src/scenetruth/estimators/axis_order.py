@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.number_format import format_two_digits
 from scenetruth.schema.validity import excluded_pixels
 
 if TYPE_CHECKING:
@@ -78,7 +79,8 @@ def describe_likely_causes(recording: xr.Dataset, valid_share: float = 0.0) -> s
     ]
     remedy = "Likely: " + "; or ".join(causes)
     return (
-        f"only {100 * valid_share:.2g} % of the pixels are valid, although the images have texture. The images move by "
+        f"only {format_two_digits(100 * valid_share)} % of the pixels are valid, "
+        "although the images have texture. The images move by "
         f"(x, y) = {' and '.join(measured)}; between cameras they must move along x, towards "
         f"{'negative' if sign > 0 else 'positive'} x for this baseline_mm. {remedy}."
     )

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 
 from scenetruth.errors import MismatchError, Problem, SceneError, ScenetruthError, StoreError
 from scenetruth.estimators import EstimationTask, MethodChoice, choose, prepare
+from scenetruth.number_format import format_two_digits
 from scenetruth.output import (
     OwnershipResult,
     check_output,
@@ -390,7 +391,10 @@ def _unseen_growth(scored: Score, method: str) -> str:
     if not scored.grows or median is None or not rms or not relative or median <= rms / relative:
         return ""
     better = "a longer frames.frame_interval_s" if method == "refined" else "--method refined"
-    line = f"the median absolute error is {median:.2g} %/h, the RMS growth rate {rms / relative:.2g} %/h"
+    line = (
+        f"the median absolute error is {format_two_digits(median)} %/h, the "
+        f"RMS growth rate {format_two_digits(rms / relative)} %/h"
+    )
     return f"growth is not resolved by '{method}': {line}; {better} is more precise"
 
 

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator
 from typing import Any
 
-__all__ = ["PathError", "assign", "expand", "value_at"]
+from scenetruth.errors import EstimateError
+from scenetruth.estimators import DEFAULT_METHOD, choose, find_method
+
+__all__ = ["METHOD", "PathError", "assign", "drop_settings", "expand", "order_paths", "value_at"]
+
+METHOD = "estimate.method"
 
 _ANY = "*"
 _MAX_SUGGESTED = 3
@@ -59,7 +64,12 @@ def value_at(plain: Any, path: str) -> Any:
 
 
 def assign(plain: Any, path: str, value: Any) -> None:
-    """Set the value at a path without wildcards, in place."""
+    """Set the value at a path without wildcards, in place.
+
+    If the method of a scene changes, the settings of the former method are dropped: see `order_paths`.
+    """
+    if path == METHOD and isinstance(plain, dict):
+        drop_settings(plain, value)
     *around, last = path.split(".")
     here, above = plain, list[str]()
     for key in around:
@@ -72,6 +82,37 @@ def assign(plain: Any, path: str, value: Any) -> None:
         here[int(last)] = value
     else:
         raise PathError(_no_fields(here, last, above))
+
+
+def order_paths(paths: Iterable[str]) -> list[str]:
+    """Return paths in the order in which they are to be assigned: the method before its settings.
+
+    >>> order_paths(["estimate.tau", "camera.width", "estimate.method"])
+    ['estimate.method', 'estimate.tau', 'camera.width']
+    """
+    return sorted(paths, key=lambda path: path != METHOD)
+
+
+def drop_settings(plain: dict[str, Any], method: Any, kept: Collection[str] = ()) -> list[str]:
+    """Drop the settings of the scene's method, in place, if ``method`` is another; return those without their default.
+
+    ``kept``: Settings of the new method, which stay.
+    """
+    section = plain.get("estimate")
+    if not isinstance(section, dict) or not isinstance(method, str):
+        return []
+    former = section.get("method", DEFAULT_METHOD)
+    dropped = {key: value for key, value in section.items() if key != "method" and key not in kept}
+    if method == former or not dropped:
+        return []
+    try:
+        find_method(method)
+        defaults = choose({"method": former}).model_dump(mode="json")
+    except EstimateError:
+        return []  # the validation of the scene reports the method
+    for key in dropped:
+        del section[key]
+    return [key for key, value in dropped.items() if key not in defaults or defaults[key] != value]
 
 
 def _below(here: Any, key: str, above: list[str]) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -13,11 +14,11 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from scenetruth.errors import EstimateError, Problem, SceneError
-from scenetruth.estimators import choose
+from scenetruth.errors import EstimateError, Problem, SceneError, SceneWarning
+from scenetruth.estimators import DEFAULT_METHOD, choose
 from scenetruth.input_files import bundled_file, validation_context
 from scenetruth.plain_data import plain_problems
-from scenetruth.scene.field_paths import PathError, assign, expand
+from scenetruth.scene.field_paths import METHOD, PathError, assign, drop_settings, expand, order_paths
 from scenetruth.scene.scene_models import Scene
 from scenetruth.scene.scene_repair import SceneRemainder, find_remainder
 from scenetruth.scene.suggestions import suggest_key, suggest_setting
@@ -167,7 +168,8 @@ def change_scene(reading: SceneReading, changes: Mapping[str, Any], folder: Path
     if scene is None or not changes:
         return ChangedScene(scene, tuple(problems), (), frozenset(wrong))
     plain = scene.to_dict()
-    for path, value in changes.items():
+    for path in order_paths(changes):
+        value = changes[path]
         try:
             for field in expand(plain, path):
                 assign(plain, field, value)
@@ -270,11 +272,14 @@ def _override(plain: dict[str, Any], overrides: Overrides) -> dict[str, list[Pro
     if isinstance(overrides, str):
         overrides = [overrides]
     if isinstance(overrides, Mapping):
+        paths = [str(path) for path in overrides]
         for path, value in overrides.items():
+            _change_method(plain, str(path), value, paths)
             problem = _assign(plain, str(path).split("."), copy.deepcopy(value))
             if problem is not None:
                 wrong.setdefault(str(path), []).append(Problem(f"overrides.{path}", problem, value))
         return wrong
+    paths = [str(override).partition("=")[0].strip() for override in overrides]
     for override in overrides:
         if not isinstance(override, str):
             wrong.setdefault(_NOWHERE, []).append(Problem("--set", "must have the form path=value", override))
@@ -295,12 +300,27 @@ def _override(plain: dict[str, Any], overrides: Overrides) -> dict[str, list[Pro
                 for item in unread
             ]
             continue
+        _change_method(plain, ".".join(keys), value, paths)
         problem = _assign(plain, keys, value)
         if problem is not None:
             problems.append(Problem(f"--set {path}", problem, override))
     return {path: problems for path, problems in wrong.items() if problems}
 
 
+def _change_method(plain: dict[str, Any], path: str, method: Any, paths: Sequence[str]) -> None:
+    """Drop the settings of the scene's method before an override with another; ``paths``: paths of all overrides."""
+    section = METHOD.partition(".")[0]
+    if path != METHOD or section in paths:
+        return
+    kept = {each.split(".")[1] for each in paths if each.startswith(f"{section}.")}
+    dropped = drop_settings(plain, method, kept)
+    if dropped:
+        former, names = plain[section].get("method", DEFAULT_METHOD), ", ".join(dropped)
+        message = f"{METHOD}: the settings of '{former}' in the scene do not apply to '{method}': {names} ignored"
+        warnings.warn(message, SceneWarning, stacklevel=_CALLER)
+
+
+_CALLER = 6  # frames between the warning and the caller of `load_scene`
 _NOWHERE = "--set"  # in place of the path of an override without one
 _INDEX = re.compile(r"-?[0-9]{1,9}", re.ASCII)  # at most nine ASCII digits
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from scenetruth.errors import EstimateWarning, Problem, RecordingError
 from scenetruth.lazy_exports import lazy_module
+from scenetruth.number_format import format_two_digits
 from scenetruth.schema.attributes import Intrinsics, estimate_hash, read_intrinsics
 from scenetruth.schema.input_arrays import order_problems, real_array
 from scenetruth.schema.pixel_grid import compute_pixel_grid
@@ -274,7 +275,10 @@ def _drop_impossible(arrays: dict[str, Map], intrinsics: Intrinsics) -> None:
         if 0 < count <= _MOST_IMPOSSIBLE * known:
             arrays[name] = np.where(wrong, np.nan, arrays[name])
             what = "positive" if sign > 0 else "negative"
-            message = f"{name}: {count} of {known} finite pixels ({100 * count / known:.2g} %) are not {what}: invalid"
+            message = (
+                f"{name}: {count} of {known} finite pixels "
+                f"({format_two_digits(100 * count / known)} %) are not {what}: invalid"
+            )
             warnings.warn(message, EstimateWarning, stacklevel=3)
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.number_format import format_two_digits
 from scenetruth.schema.attributes import read_intrinsics
 
 if TYPE_CHECKING:
@@ -51,7 +52,9 @@ def describe_rig(focal_px: float, baseline_mm: float | None, width: int, height:
             "on the sensor"
         )
     if angle < _NARROWEST_DEG and side > 1:
-        found.append(f"{stated} {angle:.2g}°; is it in µm, or was the pixel pitch in mm taken for one in µm?")
+        found.append(
+            f"{stated} {format_two_digits(angle)}°; is it in µm, or was the pixel pitch in mm taken for one in µm?"
+        )
     if baseline_mm and not _SHORTEST_MM <= abs(baseline_mm) <= _LONGEST_MM:
         unit = "µm" if abs(baseline_mm) > _LONGEST_MM else "m"
         found.append(f"baseline_mm: {baseline_mm:g} mm between two positions of a camera is unusual; is it in {unit}?")
@@ -94,7 +97,8 @@ def describe_distance(
         return []
     if distance_mm < _NEAREST_BASELINES * step:
         return [
-            f"distance_mm: {distance_mm:g} mm is {distance_mm / step:.2g} baselines of {step:g} mm; is it in m, or the "
+            f"distance_mm: {distance_mm:g} mm is {format_two_digits(distance_mm / step)} "
+            f"baselines of {step:g} mm; is it in m, or the "
             "baseline in µm?"
         ]
     disparity = math.nan if focal_px is None else focal_px * step / distance_mm
@@ -105,7 +109,8 @@ def describe_distance(
         ]
     if disparity * (positions - 1) < _SMALLEST_PX:
         return [
-            f"distance_mm: at {distance_mm:g} mm, the outer images are displaced by {disparity * (positions - 1):.2g} "
+            f"distance_mm: at {distance_mm:g} mm, the outer images are displaced "
+            f"by {format_two_digits(disparity * (positions - 1))} "
             "px, from which no depth follows; is the distance in µm, the baseline in m, or the focal length in mm?"
         ]
     return []
@@ -135,7 +140,8 @@ def describe_disparities(low_px: float, high_px: float, recording: xr.Dataset) -
         ]
     if low > 0 and focal / low < _NEAREST_BASELINES:
         return [
-            f"disparities of {low:.4g} to {high:.4g} px mean a depth below {focal / low:.2g} baselines of {step:g} mm; "
+            f"disparities of {low:.4g} to {high:.4g} px mean a depth below "
+            f"{format_two_digits(focal / low)} baselines of {step:g} mm; "
             f"is focal_length_px ({focal:g}) in mm? In px, it is the focal length divided by the distance of the "
             "pixels on the sensor"
         ]
@@ -166,7 +172,8 @@ def describe_estimated_depth(depth_mm: float, recording: xr.Dataset) -> list[str
         )
     elif step is not None and depth_mm < _NEAREST_BASELINES * step:
         found.append(
-            f"depth: the median of {depth_mm:.3g} mm is {depth_mm / step:.2g} baselines of {step:g} mm; is "
+            f"depth: the median of {depth_mm:.3g} mm is "
+            f"{format_two_digits(depth_mm / step)} baselines of {step:g} mm; is "
             f"focal_length_px ({focal:g}) in mm? In px, it is the focal length divided by the distance of the pixels "
             "on the sensor"
         )

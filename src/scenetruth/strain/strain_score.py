@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from scenetruth.errors import Problem, ScoreError
+from scenetruth.number_format import format_two_digits
 from scenetruth.results import QuantityValue, Result, refuse_unknown
 from scenetruth.schema import check_same_run, read_intrinsics
 from scenetruth.scoring.alignment import align
@@ -106,7 +107,7 @@ class StrainScore(Result):
 
 
 def _short(value: float | None) -> str:
-    return "undefined" if value is None else f"{value:.2g}"
+    return "undefined" if value is None else f"{format_two_digits(value)}"
 
 
 def score_strain(

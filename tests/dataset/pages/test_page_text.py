@@ -39,7 +39,7 @@ LIT = {
     [
         ("objects.1.pose.position_mm.2", "tile: pose position Z [mm]"),
         ("objects.1.motion.0.velocity_mm_per_frame.0", "tile: motion velocity X [mm per frame]"),
-        ("objects.0.texture.wavelength_mm.1", "wall: texture wavelength (1) [mm]"),
+        ("objects.0.texture.wavelength_mm.1", "wall: texture longest wavelength [mm]"),
         ("lighting.lights.0.irradiance", "lights directional irradiance"),
         ("turned.0.angle_deg.rate_per_frame", "turned about Y angle rate [° per frame]"),
         ("sensor.noise_std", "sensor noise std"),

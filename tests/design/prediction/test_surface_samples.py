@@ -103,6 +103,23 @@ def test_interior_is_far_from_edges() -> None:
     assert inside[distance > 9.5].all()
 
 
+@pytest.mark.parametrize("edge_mm", [16.1, 20.1, 35.3])
+def test_points_are_spread_evenly_and_stay_where_a_few_pixels_change(edge_mm: float) -> None:
+    """Of a square seen head-on, each of 4 x 4 equal parts has its share of the points."""
+
+    def of(size_mm: float) -> set[tuple[int, int]]:
+        scene = Scene.from_dict(wall(mesh={"kind": "plane", "size_mm": [size_mm, size_mm]}))
+        look = looked(scene)
+        return set(zip(*at_pixels(look, scene), strict=True))
+
+    points = of(edge_mm)
+    rows, columns = np.array(sorted(points)).T
+    counts = np.histogram2d(rows, columns, bins=4)[0]
+    # Random points would scatter by √15 = 4.
+    assert np.std(counts) < 2
+    assert len(points & of(1.01 * edge_mm)) > 0.9 * len(points)
+
+
 def test_the_nearest_triangle_is_seen() -> None:
     """Against every ray and every triangle, by the formula of Möller and Trumbore."""
     rng = np.random.default_rng(4)

@@ -13,6 +13,7 @@ from hypothesis import strategies as some
 
 from scenetruth.design.sweeps import build_plan, sweep
 from scenetruth.errors import ArgumentError, EstimateError, SceneError
+from scenetruth.estimators import choose
 from scenetruth.scene import Scene
 from tests.helpers.sweep_scenes import scene
 
@@ -47,6 +48,17 @@ def test_points_fill_ranges_evenly_and_more_of_them_leave_the_first() -> None:
     grid = build_plan(scene(), {**vary, "frames.count": [3, 5]}, seeds=1, sobol=16)
     assert len(grid.points) == 32
     assert not grid.is_grid
+
+
+def test_each_method_has_its_own_settings_and_those_that_vary() -> None:
+    given = scene(estimate={"tau": 0.5})
+    plan = build_plan(given, {"estimate.window_sigma_px": [2, 3], "estimate.method": ["refined", "structure_tensor"]})
+    found = [plan.scene(number).estimate for number in range(0, len(plan), plan.each)]
+    assert found == [
+        choose({"method": method, "window_sigma_px": window, **({"tau": 0.5} if method == "structure_tensor" else {})})
+        for window in (2, 3)
+        for method in ("refined", "structure_tensor")
+    ]
 
 
 def test_wildcards_set_every_one() -> None:

@@ -56,8 +56,8 @@ def test_two_factors_make_a_map_and_lines() -> None:
     assert 10 ** np.array(data["z"]) == pytest.approx(np.array([[1, 3, 5], [2, 4, 6]]))
     assert data["text"][1][2] == "6.0<br>(3)"
     assert data["customdata"][0][0] == "1.00, 95 %: 0.80 to 1.20, Cramér-Rao bound 0.5"
-    assert "smallest 1 at stage.baseline_mm = 1, sensor.noise_std = 0.01" in heat.words
-    assert [curve.name for curve in lines.curves if not curve.is_bound] == [f"{NOISE} = 0.01", f"{NOISE} = 0.02"]
+    assert "smallest 1 at baseline 1 mm, sensor noise 0.01" in heat.words
+    assert [curve.name for curve in lines.curves if not curve.is_bound] == ["sensor noise 0.01", "sensor noise 0.02"]
 
 
 def test_the_first_sentence_counts_points_with_overlapping_intervals(tmp_path: Path) -> None:
@@ -88,11 +88,11 @@ def test_points_that_fill_ranges_make_a_field_and_more_factors_make_points() -> 
     field, *marginal = build_panels(filled, "depth")
     assert build_chart(field)["data"][0]["mode"] == "markers"
     assert field.y.logarithmic
-    assert [panel.x.title for panel in marginal] == [BASELINE, NOISE]
+    assert [panel.x.title for panel in marginal] == ["baseline, mm", "sensor noise"]
     assert [point[0] for point in marginal[0].curves[0].points] == [1.5, 2.2, 3.1]
     three = [{BASELINE: b, NOISE: 0.1, KIND: kind} for b in (1, 2) for kind in ("plane", "box")]
     panels = build_panels(Sweep([BASELINE, NOISE, KIND], ["cube"], ["mine"], rows(three)), "depth")
-    assert [panel.x.title for panel in panels] == [BASELINE, NOISE, KIND]
+    assert [panel.x.title for panel in panels] == ["baseline, mm", "sensor noise", "mesh kind"]
     assert panels[2].x.names == ("plane", "box")
     assert not any(curve.joined for panel in panels for curve in panel.curves)
 
@@ -121,7 +121,7 @@ def test_the_page_is_one_file_in_which_no_word_acts(tmp_path: Path) -> None:
     assert "cube at 3: why" in outside
     # Every point, with its bound; figures of single seeds are in the table of results alone.
     lines = [re.findall(r"<td[^>]*>(.*?)</td>", line) for line in re.findall(r"<tr>(.*?)</tr>", outside)]
-    assert ["4", "0.02", "cube", "mine", "depth", "6.0", "4.8 to 7.2"] in [line[:7] for line in lines]
+    assert ["4", "0.02", "cube", "mine", "Depth", "6.0", "4.8 to 7.2"] in [line[:7] for line in lines]
     assert "77" not in re.sub(r"<style>.*?</style>", "", outside, flags=re.DOTALL)
 
 

@@ -191,6 +191,9 @@ def test_what_cannot_be_is_told_at_once(scene: st.Scene, tmp_path: Path) -> None
     far = {"score.interior_margin_px": 40.0, "objects.0.mesh.size_mm": [20.0, 20.0]}
     with pytest.raises(SceneError, match=r"(?s)score\.interior_margin_px: no pixel .* the region all"):
         budget(laboratory(far, everything=False), region="interior")
+    # One object is no region of its own, nor is one that the camera does not see.
+    with pytest.raises(ArgumentError, match=r"region: has no pixel .* must be one of all, interior "):
+        budget(scene, region=f"object_{scene.objects[0].name}")
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes").write_text("mine")
     with pytest.raises(OutputExistsError, match="not a directory of a budget"):

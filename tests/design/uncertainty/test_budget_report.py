@@ -130,7 +130,7 @@ def test_numbers_are_spelled_with_two_digits() -> None:
         "1.4",
         "0.0012",
         "123",
-        "3.0e-06",
+        "3.0 × 10⁻⁶",
         "0",
         "–",
     ]

@@ -18,6 +18,7 @@ from scenetruth.capture.calibration.rig_model import (
     project,
     rotation_matrix,
 )
+from scenetruth.number_format import format_two_digits
 from scenetruth.threads import with_one_blas_thread
 
 __all__ = [
@@ -62,8 +63,9 @@ def advise_pose(fit: RigFit, priors: RigPriors) -> str:
     relative = 100 * before / fit.state.value("f")
     return (
         f"the poses of the board ({len(poses)}, tilted by up to {max(tilts):.0f}°) determine the focal length to "
-        f"{before:.2g} px ({relative:.2g} %): a pose {describe_pose(float(centre[2]), farther)}, reduces it to "
-        f"{after:.2g} px"
+        f"{format_two_digits(before)} px ({format_two_digits(relative)} %): a pose "
+        f"{describe_pose(float(centre[2]), farther)}, reduces it to "
+        f"{format_two_digits(after)} px"
     )
 
 

@@ -30,6 +30,7 @@ from scenetruth.capture.calibration.rig_model import (
     RigState,
 )
 from scenetruth.errors import Problem
+from scenetruth.number_format import format_two_digits, format_with_std
 from scenetruth.output import check_output, write_atomically
 from scenetruth.scene.yaml_reader import read_text, read_yaml
 from scenetruth.validated_model import Finite, FrozenModel, NonNegative
@@ -403,7 +404,7 @@ class RigCalibration:
         ):
             if name in self.names and (self.std(name) > 0 or self.value(name) != 0):
                 unit = f" {_UNITS[name]}" if _UNITS.get(name) else ""
-                lines.append(f"{name:>14} = {self.value(name):.8g} ± {self.std(name):.2g}{unit}")
+                lines.append(f"{name:>14} = {format_with_std(self.value(name), self.std(name))}{unit}")
         pairs = [("c_x", "p2"), ("c_y", "p1")]
         strong = [f"{a} and {b}" for a, b in pairs if abs(self.correlation(a, b)) > _STRONG]
         if strong:
@@ -413,7 +414,8 @@ class RigCalibration:
             points = sum(image.points for image in used)
             rms = math.sqrt(sum(image.points * image.rms_px**2 for image in used) / max(points, 1))
             lines.append(
-                f"{points} points in {len(used)} of {len(self.images)} images, residual {rms:.2g} px rms, "
+                f"{points} points in {len(used)} of {len(self.images)} "
+                f"images, residual {format_two_digits(rms)} px rms, "
                 f"chi-squared / degrees of freedom {self.variance_factor:.2f}"
             )
         weak = [each for each in self.combinations if not each.from_images and each.ratio > _GAUGE]
@@ -619,7 +621,7 @@ def covariance_problem(matrix: Array, names: Sequence[str]) -> str:
         return "has covariances of a parameter without a variance"
     least = float(np.linalg.eigvalsh(correlations[~fixed][:, ~fixed]).min(initial=1.0))
     if least < -_ROUNDING * max(count, 1):
-        return f"is not positive semidefinite: its correlations have the eigenvalue {least:.2g}"
+        return f"is not positive semidefinite: its correlations have the eigenvalue {format_two_digits(least)}"
     return ""
 
 

@@ -25,6 +25,7 @@ from scenetruth.capture.calibration.rig_model import (
 )
 from scenetruth.capture.calibration.start_values import start_state
 from scenetruth.capture.calibration.variance_components import scatter_of_poses
+from scenetruth.number_format import format_two_digits
 from scenetruth.threads import with_one_blas_thread
 
 __all__ = [
@@ -364,7 +365,10 @@ def inconsistent_images(fit: RigFit) -> list[str]:
         # median below 1 is that of overstated noise: residuals as large as stated are no fault of an image.
         limit = max(_LARGER_THAN_MEDIAN * median, (1 + 5 / np.sqrt(max(view.points, 1))) * max(median, 1.0))
         if not view.consistent:
-            text = f"{view.name}: contradicts the other images (residual {view.rms_px:.2g} px); check its position"
+            text = (
+                f"{view.name}: contradicts the other images (residual "
+                f"{format_two_digits(view.rms_px)} px); check its position"
+            )
             found.append(f"{text}, its visit, and that it shows one board")
         elif view.mean_square > limit:
             ratio = float(np.sqrt(view.mean_square / median))

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from scenetruth.capture.calibration.bundle_adjustment import RigFit
 from scenetruth.capture.calibration.rig_model import INTRINSICS, STAGE, RigPriors, RigState
-from scenetruth.number_format import format_two_digits
+from scenetruth.number_format import format_two_digits, format_with_std
 
 __all__ = ["LensContinuation", "continue_lens", "folding", "is_extrapolated", "is_undetermined", "shortened"]
 
@@ -65,8 +65,9 @@ class LensContinuation:
             return ""
         return (
             f"the outermost points reach {100 * self.share:.0f} % of the distance to the image corners: beyond them, "
-            f"the image scale is continued by {self.name} = {state.value(self.name):.2g} ± {std:.2g} with a prior of "
-            f"{self.mean:.2g} ± {self.std:.2g}, which leaves {format_two_digits(std * self.corner_px)} px; "
+            f"the image scale is continued by {self.name} = {format_with_std(state.value(self.name), std)} "
+            f"with a prior of {format_with_std(self.mean, self.std)}, "
+            f"which leaves {format_two_digits(std * self.corner_px)} px; "
             "show boards in the corners of the image"
         )
 

@@ -55,6 +55,7 @@ from scenetruth.capture.calibration.variance_components import (
     scatter_of_poses,
 )
 from scenetruth.errors import EstimateWarning, Problem
+from scenetruth.number_format import format_two_digits
 from scenetruth.threads import with_one_blas_thread
 
 __all__ = ["BoardImage", "RigSolution", "calibrate", "describe_fit", "fit_rig", "observe_boards"]
@@ -522,7 +523,9 @@ def _with_components(plain: RigFit, corrected: Observations, priors: RigPriors) 
         if point_mm == 0:
             return plain, []
         fit = fit_places(usable, plain, priors, point_mm)
-        text = f"the points of the board deviate by {1e3 * point_mm:.2g} µm from their places in its plane"
+        text = (
+            f"the points of the board deviate by {format_two_digits(1e3 * point_mm)} µm from their places in its plane"
+        )
         return replace(fit, views=(*fit.views, *lost)), [f"{text} in all poses; the stated uncertainty includes it"]
     parts, _, fit = estimate_components(usable, plain, priors)
     if not parts.structured and plain.variance_factor <= _REJECTED_ABOVE:
@@ -616,7 +619,7 @@ def _reject(fit: RigFit) -> None:
         problems = [Problem("images", message)]
         problems += [Problem(*text.split(": ", 1)) for text in displaced_images(fit)]
         worst = sorted(fit.views, key=lambda view: -view.mean_square)[:5]
-        problems += [Problem(view.name, f"has a residual of {view.rms_px:.2g} px") for view in worst]
+        problems += [Problem(view.name, f"has a residual of {format_two_digits(view.rms_px)} px") for view in worst]
         raise CalibrationError(problems)
     weak = fit.std("f") / fit.state.value("f")
     if weak > _WEAKEST_FOCAL:

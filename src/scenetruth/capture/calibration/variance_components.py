@@ -28,6 +28,7 @@ from scenetruth.capture.calibration.rig_model import (
     TargetView,
     project,
 )
+from scenetruth.number_format import format_two_digits
 from scenetruth.threads import with_one_blas_thread
 
 __all__ = [
@@ -113,15 +114,20 @@ class VarianceComponents:
         texts = []
         if self.usual_noise_px > 0:
             texts.append(
-                f"the corners scatter by {self.usual_noise_px:.2g} px more than the noise of the images explains "
+                f"the corners scatter by {format_two_digits(self.usual_noise_px)} "
+                "px more than the noise of the images explains "
                 "(compression, sharpening, gamma, reflections, uneven pixels without flat fields)"
             )
         if self.bend_mm > 0:
-            texts.append(f"the board bends by {self.bend_mm:.2g} mm from pose to pose: use a stiff board")
+            texts.append(
+                f"the board bends by {format_two_digits(self.bend_mm)} mm from pose to pose: use a stiff board"
+            )
         if self.point_mm > 0 or self.height_mm > 0:
             texts.append(
-                f"the points of the board deviate by {self.point_mm:.2g} mm from their places in its plane and by "
-                f"{self.height_mm:.2g} mm along its normal: use a board that is printed exactly on a flat plate"
+                f"the points of the board deviate by {format_two_digits(self.point_mm)} "
+                "mm from their places in its plane and by "
+                f"{format_two_digits(self.height_mm)} mm along its normal: use "
+                "a board that is printed exactly on a flat plate"
             )
         words = [f"{text}; the stated uncertainty includes it" for text in texts]
         # The noise of an image is all of it: additional noise far below what is stated makes no image worse.

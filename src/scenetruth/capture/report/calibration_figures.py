@@ -107,7 +107,8 @@ def _draw_residuals(data: CalibrationData, folder: Path) -> FigureInfo:
     factor_text = format_two_digits(calibration.variance_factor)
     return FigureInfo(
         "residuals.png", "Residuals of the calibration",
-        f"Detected minus projected points, {typical:.2g} px rms (at most {_SHOWN_VECTORS:,} are drawn); colours: "
+        f"Detected minus projected points, {format_two_digits(typical)} px "
+        f"rms (at most {_SHOWN_VECTORS:,} are drawn); colours: "
         "length in standard deviations, from 0 (dark) "
         "to 3 (bright). Right: 1 if the stated noise explains the residuals; red regions are not described by the "
         f"model of the lens, or their light or sharpness differs; grey: fewer than {_FEWEST_IN_CELL} points. "

@@ -277,6 +277,7 @@ def _pose_table(poses: Sequence[PoseEffect], budget: DepthBudget) -> HtmlTable:
 
 def _tolerance_lines(calibration: RigCalibration) -> list[str]:
     weak = [one for one in calibration.combinations if not one.from_images and one.ratio > _GAUGE]
-    return [f"{one.words} (information of the images: {one.ratio:.2g} of that of the tolerances)" for one in weak][
-        :_MOST_COMBINATIONS
-    ]
+    return [
+        f"{one.words} (information of the images: {format_two_digits(one.ratio)} of that of the tolerances)"
+        for one in weak
+    ][:_MOST_COMBINATIONS]

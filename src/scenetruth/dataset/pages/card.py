@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -226,12 +227,33 @@ def _split_rows(sampler: Sampler, table: pyarrow.Table) -> list[tuple[str, str, 
     return [(name, stated, format_count(counts[name]), format_size(sizes[name])) for name, stated in words.items()]
 
 
+_NUMBER = re.compile(r"(?<![\w.'])-?\d+(?:\.\d+)?(?:e-?\d+)?(?!\w|\.\d)")
+
+
 def _warnings(table: pyarrow.Table) -> list[tuple[str, str]]:
-    found = Counter[str]()
-    for entries in table["warnings"].to_pylist():
-        found.update(set(entries or ()))
+    """Return warnings and the number of samples that have them; those that differ by their numbers are one."""
+    samples: dict[str, set[int]] = {}
+    texts: dict[str, set[str]] = {}
+    for number, entries in enumerate(table["warnings"].to_pylist()):
+        for text in entries or ():
+            kind = _NUMBER.sub("#", text)
+            samples.setdefault(kind, set()).add(number)
+            texts.setdefault(kind, set()).add(text)
+    found = {merge_numbers(texts[kind]): len(which) for kind, which in samples.items()}
     most = sorted(found.items(), key=lambda one: (-one[1], one[0]))[:_MOST_WARNINGS]
     return [(text, format_count(count)) for text, count in most]
+
+
+def merge_numbers(texts: Collection[str]) -> str:
+    """Return one text for those that differ by their numbers only, with the ranges of these.
+
+    >>> merge_numbers({"waves of 0.94 px in 3 images", "waves of 0.97 px in 3 images", "waves of 0.9 px in 3 images"})
+    'waves of 0.9 to 0.97 px in 3 images'
+    """
+    each = [_NUMBER.findall(text) for text in sorted(texts)]
+    ends = [(min(column, key=float), max(column, key=float)) for column in zip(*each, strict=True)]
+    spelled = iter([low if float(low) == float(high) else f"{low} to {high}" for low, high in ends])
+    return _NUMBER.sub(lambda _: next(spelled), min(texts))
 
 
 def _notices(sampler: Sampler) -> list[str]:

@@ -55,6 +55,8 @@ _UNITS = {
 _AXES = ("X", "Y", "Z")
 _OMITTED = ("lighting",)
 """Sections of a scene that are omitted in labels."""
+_ENDS = ("shortest", "longest")
+"""Entries of a range of wavelengths."""
 _UNIT_VECTORS = ([1, 0, 0], [0, 1, 0], [0, 0, 1])
 
 
@@ -68,10 +70,10 @@ def split_unit(name: str) -> tuple[str, str]:
         if name.endswith(end) and len(name) > len(end):
             kept = name.removesuffix(end) if unit != "share" else name
             kept += "_rate" if end == "_rate_per_hour" else ""
-            return kept.replace("_", " "), "" if unit == "share" else unit
+            return re.sub(r"\brms\b", "RMS", kept.replace("_", " ")), "" if unit == "share" else unit
     if name == "rate_per_hour":
         return "rate", "1 per hour"
-    return name.replace("_", " "), ""
+    return re.sub(r"\brms\b", "RMS", name.replace("_", " ")), ""
 
 
 def format_label(path: str, plain: Mapping[str, Any]) -> tuple[str, str]:
@@ -113,6 +115,8 @@ def _with_index(words: list[str], index: int, around: Any) -> list[str]:
             return [*words, f"about {_AXES[_UNIT_VECTORS.index(entry['axis'])]}"]
         if len(around) == len(_AXES) and all(isinstance(one, int | float) for one in around):
             return [*words, _AXES[index]]
+    if words and words[-1].endswith("wavelength") and index < len(_ENDS):
+        return [*words[:-1], f"{_ENDS[index]} {words[-1]}"]
     return [*words, f"({index})"]
 
 
@@ -131,7 +135,11 @@ def tabulate_distributions(sampler: Sampler) -> list[tuple[str, str, str]]:
     """Return the varied fields: label, path or name, and description of the distribution."""
     plain = sampler.bases[0].to_dict()
     return [
-        (format_title(*format_label(item.key, plain)), item.key, describe_distribution(item.distribution))
+        (
+            format_title(*format_label(item.key, plain)) + (f", in formulas: {item.name}" if item.name else ""),
+            item.key,
+            describe_distribution(item.distribution),
+        )
         for item in sampler.varied
     ]
 

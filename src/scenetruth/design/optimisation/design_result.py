@@ -24,6 +24,7 @@ from scenetruth.design.optimisation.design_records import (
     describe_decision,
 )
 from scenetruth.design.optimisation.standard_lens import StandardLens, describe_standard_lens
+from scenetruth.design.parameter_words import title_parameter
 from scenetruth.errors import ArgumentError, Problem, StoreError
 from scenetruth.output import claim_folder, write_atomically
 from scenetruth.plain_data import parse_json
@@ -142,7 +143,10 @@ def _changed(objectives: Sequence[Objective], sensitivities: Sequence[Sensitivit
         own = sorted(
             (one for one in entries if one.objective == objective.title), key=lambda one: -abs(one.ten_percent)
         )
-        parts = [f"{one.parameter} {_signed(one.ten_percent)} ({_signed(one.ten_percent_less)})" for one in own]
+        parts = [
+            f"{title_parameter(one.parameter)} {_signed(one.ten_percent)} ({_signed(one.ten_percent_less)})"
+            for one in own
+        ]
         if parts:
             most = ", ".join(parts[:_MOST_LISTED])
             title = f"{objective.title[0].lower()}{objective.title[1:]}"

@@ -17,7 +17,6 @@ from scenetruth.design.optimisation.design_records import (
     RuleOfThumb,
     Sensitivity,
 )
-from scenetruth.design.optimisation.design_result import format_parameter
 from scenetruth.design.optimisation.problem_setup import OptimisationProblem
 from scenetruth.design.optimisation.rig_context import RigContext
 from scenetruth.design.optimisation.rig_evaluation import (
@@ -29,8 +28,10 @@ from scenetruth.design.optimisation.rig_evaluation import (
     rank_evaluations,
 )
 from scenetruth.design.optimisation.specification import DesignSpec
+from scenetruth.design.parameter_words import describe_parameter, title_parameter
 from scenetruth.design.prediction.analytic_prediction import NO_STAGE_ERRORS
 from scenetruth.errors import Problem
+from scenetruth.number_format import format_number, format_value
 from scenetruth.scene import Scene
 
 __all__ = [
@@ -97,13 +98,13 @@ def _ends(one: Evaluation, space: DesignSpace) -> Iterator[str]:
         if parameter.choices:
             numbers = [v for v in parameter.choices if isinstance(v, int | float) and not isinstance(v, bool)]
             if len(numbers) == len(parameter.choices) and one.values[parameter.name] in (min(numbers), max(numbers)):
-                yield f"{parameter.name} = {one.values[parameter.name]:g}"
+                yield describe_parameter(parameter.name, one.values[parameter.name])
             continue
         value = one.values[parameter.name]
         whole_ends = parameter.whole and value in (parameter.rounded(parameter.low), parameter.rounded(parameter.high))
         unit = parameter.unit(value)
         if whole_ends or (not parameter.whole and (unit < _AT_END or unit > 1 - _AT_END)):
-            yield f"{parameter.name} = {value:g}"
+            yield describe_parameter(parameter.name, value)
 
 
 _OTHER = "another length"
@@ -198,7 +199,7 @@ def check_rules_of_thumb(facts: RigContext) -> tuple[RuleOfThumb, ...]:
             "motion blur",
             f"{_PRACTICE}: a motion of 0.1 px reduces the contrast at a wavelength of 4 px by 0.1 %",
             "less than 0.1 px during the exposure",
-            f"{blur:.2g} px",
+            f"{format_number(blur, 2)} px",
             blur < 0.1,
         ),
         RuleOfThumb(
@@ -243,7 +244,9 @@ _CONFIRMED = (
     "none of these searches has ended at a better predicted rig"
 )
 _UNCONFIRMED = (
-    "the search has not confirmed its best rig by a second start: a better rig may exist; increase search.predictions"
+    "a better rig than the recommended may exist: the search, of {} predictions, has ended before starts from other "
+    "rigs had led to the same rig. The stated precision does not depend on this. To search longer, set "
+    "search.predictions to {}"
 )
 
 
@@ -256,7 +259,8 @@ def _lines(
     *,
     confirmed: bool,
 ) -> Iterator[str]:
-    yield _CONFIRMED if confirmed else _UNCONFIRMED
+    count = spec.search.predictions
+    yield _CONFIRMED if confirmed else _UNCONFIRMED.format(f"{count:,}", 2 * count)
     yield (
         "predictions are standard deviations due to noise (Cramér-Rao bound for the window and motion model of the "
         "method, from geometry and texture spectrum), with closed-form contributions of stage errors and scan time; "
@@ -273,8 +277,9 @@ def _lines(
         if residual_px > 0:
             off = facts.depth_mm * residual_px / max(abs(facts.causes.disparity_px), 1e-9)
             yield (
-                f"the distortion residual after calibration is not included: {residual_px:.2g} px, or up to "
-                f"{off:.2g} mm of depth, varying over the image"
+                "the distortion residual after calibration is not included: "
+                f"{format_number(residual_px, 2)} px, or up to {format_number(off, 2)} mm of depth, "
+                "varying over the image"
             )
     if facts.camera is not None and spec.light is None:
         yield "the illumination is adapted to the camera: a white surface gives 80 % of full scale"
@@ -295,7 +300,8 @@ def _lines(
         by_name.setdefault(one.parameter, []).append(one)
     idle = [name for name, stated in by_name.items() if all(one.morris_mu_star == 0.0 for one in stated)]
     if idle:
-        yield f"no effect on any objective: {', '.join(idle)}; their values follow from constraints or are arbitrary"
+        names = ", ".join(map(title_parameter, idle))
+        yield f"no effect on any objective: {names}; their values follow from constraints or are arbitrary"
 
 
 def _has_rates(plain: Any) -> bool:
@@ -324,7 +330,7 @@ def refuse_infeasible(spec: DesignSpec, found: Sequence[Evaluation]) -> None:
         )
     nearest = rank_evaluations(made)[0]
     problems = [_describe_exclusion(spec, one, made) for one in nearest.constraints if not one.holds]
-    values = ", ".join(f"{name} = {format_parameter(value)}" for name, value in nearest.values.items())
+    values = ", ".join(f"{name} = {format_value(value)}" for name, value in nearest.values.items())
     if not problems:
         problems.append(Problem("objectives", f"no rig has a valid prediction ({len(made):,} evaluated)"))
     problems.append(Problem("variables", f"the nearest of {len(found):,} evaluated rigs has {values}"))

@@ -26,6 +26,7 @@ from scenetruth.design.patterns.pattern_spectrum import (
     sample_patch,
 )
 from scenetruth.errors import ArgumentError, Problem
+from scenetruth.number_format import format_two_digits
 from scenetruth.results import QuantityValue, Result, refuse_unknown
 
 if TYPE_CHECKING:
@@ -470,19 +471,22 @@ def describe_assessments(worths: Sequence[PatternAssessment]) -> list[str]:
     found = []
     for number, worth in enumerate(worths):
         text = f"{worth.label}: RMS gradient {100 * worth.gradient:.3g} % of full scale per px"
-        text += f", noise {100 * worth.noise_std:.2g} %, speckle size {worth.size_px:.2g} px"
+        text += (
+            f", noise {format_two_digits(100 * worth.noise_std)} %, speckle size {format_two_digits(worth.size_px)} px"
+        )
         if worth.disparity_px is not None:
-            text += f"; lowest standard deviation of disparity {worth.disparity_px:.2g} px per step"
+            text += f"; lowest standard deviation of disparity {format_two_digits(worth.disparity_px)} px per step"
         if worth.depth_mm is not None:
-            text += f", of depth {worth.depth_mm:.2g} mm"
+            text += f", of depth {format_two_digits(worth.depth_mm)} mm"
         if worth.flow_px is not None:
-            text += f", of flow {worth.flow_px:.2g} px per frame"
+            text += f", of flow {format_two_digits(worth.flow_px)} px per frame"
         found.append(f"{text} (window σ {worth.window_sigma_px:g} px)")
         found += _warnings(worth)
         if number and worths[0].gradient > 0 and worth.gradient > 0:
             ratio = _noise_over_gradient(worth) / _noise_over_gradient(worths[0])
             found.append(
-                f"{worth.label}: {ratio:.2g} times the noise of depth and motion (reference: {worths[0].label})"
+                f"{worth.label}: {format_two_digits(ratio)} times the noise "
+                f"of depth and motion (reference: {worths[0].label})"
             )
     return found
 

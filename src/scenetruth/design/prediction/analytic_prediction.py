@@ -24,6 +24,7 @@ from scenetruth.design.prediction.surface_samples import SurfaceSamples, sample_
 from scenetruth.design.prediction.texture_information import ImagedTexture, compute_flow, compute_imaged_texture
 from scenetruth.design.prediction.texture_spectra import analytic_spectra
 from scenetruth.errors import Problem, SceneError
+from scenetruth.number_format import format_two_digits
 from scenetruth.resources import ObjectWorkload
 from scenetruth.scene import Scene
 
@@ -354,7 +355,7 @@ def _describe_eigenvalue_bias(std: Mapping[str, Array], look: SurfaceSamples, fr
     if middle > _LARGE_BIAS * noise:
         yield (
             f"principal growth rates differ by less than their noise, which biases them: on average the "
-            f"largest is {middle:.2g} %/h too large, and the smallest too small by the same amount"
+            f"largest is {format_two_digits(middle)} %/h too large, and the smallest too small by the same amount"
         )
 
 

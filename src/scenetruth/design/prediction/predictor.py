@@ -13,6 +13,7 @@ from scenetruth.design.prediction.prediction_result import Model, PredictedValue
 from scenetruth.design.prediction.texture_spectra import analytic_spectra
 from scenetruth.errors import ArgumentError, Problem
 from scenetruth.estimators.method_specs import MethodLike, MethodSpec, read_method
+from scenetruth.number_format import format_two_digits
 from scenetruth.resources import Limits, ObjectWorkload, limited_objects, load_checked_scene
 from scenetruth.scene import Overrides, Scene, SceneLike
 
@@ -59,7 +60,10 @@ def _check_growth(scene: Scene, prediction: Prediction, again: Predictor, enough
     if _is_sufficient(figure, enough):
         return
     signal, std = (100.0 * each for each in (figure.signal or 0.0, figure.std))
-    text = f"growth{_region_suffix(region)} is {signal:.2g} % per frame at a precision of {std:.2g} % per pixel"
+    text = (
+        f"growth{_region_suffix(region)} is {format_two_digits(signal)} % per "
+        f"frame at a precision of {format_two_digits(std)} % per pixel"
+    )
     yield f"{text}: {_longer(scene, region, 'growth_rate', figure, again) or _wider(scene, figure, 2.0)}"
 
 
@@ -69,9 +73,12 @@ def _check_motion(scene: Scene, prediction: Prediction, again: Predictor, enough
     if quantity is None or region is None:
         return
     figure = prediction.precision(quantity, region)
-    if _is_sufficient(figure, enough):
+    if _is_sufficient(figure, enough) or figure.signal is None:
         return
-    text = f"motion{_region_suffix(region)} is {figure.signal:.2g} {figure.unit} at a precision of {figure.std:.2g}"
+    text = (
+        f"motion{_region_suffix(region)} is {format_two_digits(figure.signal)} "
+        f"{figure.unit} at a precision of {format_two_digits(figure.std)}"
+    )
     yield f"{text}: {_longer(scene, region, quantity, figure, again) or _wider(scene, figure, 1.0)}"
 
 
@@ -82,7 +89,10 @@ def _check_depth(scene: Scene, prediction: Prediction) -> Iterator[str]:
     if math.isfinite(std) and std > _DEPTH_SHARE * depth:
         # The precision of depth is proportional to the baseline.
         enough = _nice(abs(scene.stage.baseline_mm) * std / (_DEPTH_SHARE * depth))
-        text = f"depth has a precision of {std:.2g} mm at {depth:.4g} mm, {100 * std / depth:.2g} %"
+        text = (
+            f"depth has a precision of {format_two_digits(std)} mm at "
+            f"{depth:.4g} mm, {format_two_digits(100 * std / depth)} %"
+        )
         yield f"{text}: raise stage.baseline_mm to {enough:g}"
     share = prediction.precision("depth", "all").valid_fraction
     if share < _LEAST_DENSITY:
@@ -113,7 +123,7 @@ def _check_images(scene: Scene, prediction: Prediction) -> Iterator[str]:
         shorter = time * _BETTER_BLUR * moving.wavelength_px / moving.blur_px
         text = f"points{_region_suffix(region)} move {moving.blur_px:.1f} px during the exposure, "
         waves = f"the texture wavelength is about {moving.wavelength_px:.1f} px"
-        yield f"{text}and {waves}: reduce shutter.exposure_time_s to {shorter:.2g}"
+        yield f"{text}and {waves}: reduce shutter.exposure_time_s to {format_two_digits(shorter)}"
     elif 0 < causes.transfer < _LEAST_TRANSFER:
         text = f"lens and pixels reduce the texture contrast to {100 * causes.transfer:.0f} %"
         yield f"{text}: increase the texture wavelength, or change optics"
@@ -161,7 +171,7 @@ def _wider(scene: Scene, figure: PredictedValue, power: float) -> str:
     sigma = getattr(scene.estimate.settings, "window_sigma_px", None)
     if sigma is not None and (wider := _nice(sigma * factor ** (1 / power))) <= _WIDEST_PX:
         return f"raise estimate.window_sigma_px to {wider:g}, or the motion in the scene"
-    return f"a factor of {factor:.2g} in noise or motion is missing: the motion is specified per frame"
+    return f"a factor of {format_two_digits(factor)} in noise or motion is missing: the motion is specified per frame"
 
 
 def _missing(figure: PredictedValue) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -323,15 +323,32 @@ def _chosen(face: Numbers, body: Numbers) -> tuple[Numbers, Array]:
     if not len(places):
         return places, np.zeros(0)
     own = body[face.ravel()[places]]
+    rank = _ranks(face.shape).ravel()
     chosen, shares = [], []
     for one in np.unique(own):
         among = places[own == one]
         count = min(len(among), max(_FEWEST_POINTS, round(_MOST_POINTS * len(among) / len(places))))
-        # Random rather than every n-th, which could align with columns.
-        order = np.random.default_rng(0).permutation(len(among))[:count]
-        chosen.append(np.sort(among[order]))
+        chosen.append(np.sort(among[np.argsort(rank[among])[:count]]))
         shares.append(np.full(count, len(among) / count))
     return np.concatenate(chosen), np.concatenate(shares)
+
+
+@cache
+def _ranks(shape: tuple[int, int]) -> Numbers:
+    """Return the order in which pixels of a raster are chosen: evenly spread, at random positions, and fixed.
+
+    The next four are in different quadrants of the raster, and the next four of each quadrant in different quadrants of
+    it. A pixel more or less of an object changes one point, not all.
+    """
+    random = np.random.default_rng(0)
+    rank = np.zeros((1, 1), dtype=np.int64)
+    weight = 1
+    while len(rank) < max(shape):
+        digits = random.permuted(np.broadcast_to(np.arange(4), (*rank.shape, 4)), axis=-1)
+        parts = rank[..., None] + weight * digits
+        rank = parts.reshape(*rank.shape, 2, 2).swapaxes(1, 2).reshape(2 * len(rank), 2 * len(rank))
+        weight *= 4
+    return rank[: shape[0], : shape[1]]
 
 
 def _points(

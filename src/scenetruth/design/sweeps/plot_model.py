@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from scenetruth.design.parameter_words import describe_parameter, label_parameter, title_parameters
 from scenetruth.design.sweeps.factors import format_level
 from scenetruth.design.sweeps.point_simulation import BOUND
 from scenetruth.design.sweeps.sweep_result import STATISTICS, Sweep, SweepRecord
@@ -21,6 +22,7 @@ __all__ = [
     "SweepPanel",
     "build_panels",
     "choose_main_region",
+    "describe_place",
     "format_place",
     "format_short",
     "format_statistic_title",
@@ -37,11 +39,12 @@ Place = float | str
 
 @dataclass(frozen=True)
 class PanelAxis:
-    """An axis of a panel; ``names`` are the labels of non-numeric levels, in order."""
+    """An axis of a panel: ``names`` are the labels of non-numeric levels, in order; ``path`` is that of a factor."""
 
     title: str
     names: tuple[str, ...] = ()
     logarithmic: bool = False
+    path: str = ""
 
 
 @dataclass(frozen=True)
@@ -149,12 +152,26 @@ def _short_title(quantity: str, statistic: str) -> str:
     return f"{STATISTIC_TITLES[statistic]}{unit}"
 
 
+def describe_place(row: SweepRecord) -> str:
+    """Return the levels of a point in words."""
+    titles = title_parameters(list(row.values))
+    return ", ".join(
+        describe_parameter(path, value, format_level(value), titles[path]) for path, value in row.values.items()
+    )
+
+
+def _label(found: Sweep, path: str) -> str:
+    title = title_parameters(found.factors)[path]
+    return path if title == path else label_parameter(path)
+
+
 def _axis(found: Sweep, path: str) -> PanelAxis:
     values = {format_level(row.values[path]): row.values[path] for row in found.rows}
     if not all(isinstance(value, int | float) and not isinstance(value, bool) for value in values.values()):
-        return PanelAxis(path, tuple(values))
+        return PanelAxis(_label(found, path), tuple(values), path=path)
     low, high = min(values.values()), max(values.values())
-    return PanelAxis(path, logarithmic=low > 0 and (path in found.logarithmic or high >= _WIDE * low))
+    is_log = low > 0 and (path in found.logarithmic or high >= _WIDE * low)
+    return PanelAxis(_label(found, path), logarithmic=is_log, path=path)
 
 
 def _place(axis: PanelAxis, value: Any) -> Place:
@@ -193,7 +210,7 @@ def _curves_of_all(found: Sweep, rows: Sequence[SweepRecord], path: str, *, join
 
 def _curve(name: str, axis: PanelAxis, rows: Iterable[SweepRecord], colour: int, *, joined: bool = True) -> SweepCurve:
     """Return a curve over the factor of an axis, sorted along the axis."""
-    path = axis.title
+    path = axis.path
     placed = [(_place(axis, row.values[path]), row) for row in rows]
     placed.sort(key=lambda one: axis.names.index(str(one[0])) if axis.names else float(one[0]))
     return SweepCurve(
@@ -202,11 +219,7 @@ def _curve(name: str, axis: PanelAxis, rows: Iterable[SweepRecord], colour: int,
         colour,
         any(row.is_bound for _, row in placed),
         joined and not axis.names,
-        tuple(
-            ", ".join(f"{factor} = {format_level(value)}" for factor, value in row.values.items())
-            for _, row in placed
-            if len(row.values) > 1
-        ),
+        tuple(describe_place(row) for _, row in placed if len(row.values) > 1),
     )
 
 
@@ -233,10 +246,9 @@ def _over_two(
         for row in own
     )
     best = min(own, key=lambda row: abs(row.value))
-    text = f"smallest {format_short(best.value)} at " + ", ".join(
-        f"{path} = {format_level(one)}" for path, one in best.values.items()
-    )
-    words = f"{number.title} of {name} over {first} and {second}: {text}."
+    titles = title_parameters(found.factors)
+    text = f"smallest {format_short(best.value)} at {describe_place(best)}"
+    words = f"{number.title} of {name} over {titles[first]} and {titles[second]}: {text}."
     panels = [
         SweepPanel(
             _title(found, name),
@@ -248,7 +260,8 @@ def _over_two(
             words=words,
         )
     ]
-    values = list(dict.fromkeys(format_level(row.values[second]) for row in own))
+    levels = {format_level(row.values[second]): row.values[second] for row in own}
+    values = list(levels)
     if not found.is_grid:
         for path in found.factors:
             curves = [_curve(name, axes[path], own, 0, joined=False)]
@@ -259,7 +272,7 @@ def _over_two(
         return panels
     curves = []
     for colour, value in enumerate(values):
-        label = f"{second} = {value}"
+        label = describe_parameter(second, levels[value], value, titles[second])
         for rows, text in ((own, label), (bound, f"Cramér-Rao bound, {label}")):
             here = [row for row in rows if format_level(row.values[second]) == value]
             curves += [_curve(text, axes[first], here, colour)] if here else []

@@ -23,7 +23,7 @@ from scenetruth.errors import ArgumentError, CollectedErrors, Problem, SceneErro
 from scenetruth.plain_data import seed_problems
 from scenetruth.resources import read_checked_scene
 from scenetruth.scene import Overrides, Scene, SceneLike
-from scenetruth.scene.field_paths import PathError, assign, expand, value_at
+from scenetruth.scene.field_paths import PathError, assign, expand, order_paths, value_at
 from scenetruth.scene.scene_loader import part_of
 
 __all__ = ["SweepPlan", "SweepPoint", "build_plan"]
@@ -77,9 +77,10 @@ class SweepPlan:
     def plain(self, point: SweepPoint) -> dict[str, Any]:
         """Return the scene of a point as plain data."""
         found = copy.deepcopy(dict(self.plains[point.scene]))
-        for places, value in zip(self.places[point.scene], point.values, strict=True):
-            for place in places:
-                assign(found, place, copy.deepcopy(value))
+        factors = zip(self.places[point.scene], point.values, strict=True)
+        values = {place: value for places, value in factors for place in places}
+        for place in order_paths(values):
+            assign(found, place, copy.deepcopy(values[place]))
         return found
 
     def values(self, point: SweepPoint) -> dict[str, Any]:

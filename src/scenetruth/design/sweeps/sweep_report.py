@@ -7,6 +7,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from scenetruth.design.parameter_words import title_parameters
 from scenetruth.design.sweeps.factors import format_level
 from scenetruth.design.sweeps.plot_model import (
     PanelAxis,
@@ -15,6 +16,7 @@ from scenetruth.design.sweeps.plot_model import (
     SweepPanel,
     build_panels,
     choose_main_region,
+    describe_place,
     format_place,
     format_short,
     list_plotted_quantities,
@@ -194,7 +196,7 @@ def write_sweep_report(found: Sweep, folder: str | Path, again: str = "") -> Pat
     }
     statistics = [name for name in STATISTICS if any(key.split("|")[1] == name for key in charts)]
     region = choose_main_region(found)
-    lines = _lines(found, region)
+    lines, titles = _lines(found, region), title_parameters(found.factors)
     text = render_page(
         "scenetruth.design.sweeps",
         "sweep.html.j2",
@@ -210,7 +212,8 @@ def write_sweep_report(found: Sweep, folder: str | Path, again: str = "") -> Pat
         best=_find_best(found, region),
         result=_state_result(found, region),
         best_columns=["quantity", "RMSE", "95 %", "unit", "at", *(["method"] if len(found.methods) > 1 else [])],
-        columns=[*found.factors, *_COLUMNS],
+        columns=[*titles.values(), *_COLUMNS],
+        titles=titles,
         lines=lines[:_MOST_LINES],
         left_out=max(0, len(lines) - _MOST_LINES),
         again=again,
@@ -225,13 +228,10 @@ _COLUMNS = (
     "scene",
     "method",
     "quantity",
-    "rmse",
+    STATISTIC_TITLES["rmse"],
     "95 % of RMSE",
-    "bias",
-    "precision_std",
-    "median_abs_error",
-    "density",
-    "bound",
+    *(STATISTIC_TITLES[name] for name in ("bias", "precision_std", "median_abs_error", "density")),
+    "Cramér-Rao bound",
     "unit",
 )
 
@@ -256,7 +256,7 @@ def _find_best(found: Sweep, region: str) -> list[list[str]]:
             row = found.best(quantity, "rmse", region=region)
         except KeyError:
             continue
-        where = ", ".join(f"{path} = {format_level(value)}" for path, value in row.values.items())
+        where = describe_place(row)
         scene = f"{row.scene}: " if len(found.scenes) > 1 else ""
         method = [row.method] if len(found.methods) > 1 else []
         lines.append([get_title(quantity), _number(row), _interval(row), _unit(row.unit), scene + where, *method])
@@ -276,7 +276,7 @@ def _state_result(found: Sweep, region: str) -> str:
     title, number, interval, unit, where, *method = lines[0]
     unit = "" if unit == UNDEFINED else f" {unit}"
     bars = f" (95 %: {interval})" if interval not in ("", UNDEFINED) else ""
-    by = f", with {method[0]}" if method else ""
+    by = f", with {method[0]}" if method and "estimate.method" not in found.factors else ""
     name = f"{title[0].lower()}{title[1:]}"
     text = f"The smallest RMSE of {name} in the region {region} is {number}{unit}{bars}, at {where}{by}."
     return text + _count_similar(found, region)
@@ -325,7 +325,7 @@ def _lines(found: Sweep, region: str) -> list[list[str]]:
                 *values,
                 scene,
                 method,
-                quantity,
+                get_title(quantity),
                 numbers.get("rmse", "–"),
                 interval,
                 *cells,

@@ -51,7 +51,7 @@ from scenetruth.plain_data import parse_json, seed_problems
 from scenetruth.progress import Progress, say
 from scenetruth.resources import Limits, load_checked_scene, refuse_beyond_limits
 from scenetruth.scene import Overrides, Scene, SceneLike
-from scenetruth.scoring.regions import main_regions
+from scenetruth.scoring.regions import further_regions, main_regions
 from scenetruth.simulation import make_truth
 
 __all__ = ["budget"]
@@ -220,19 +220,26 @@ def budget(
 
 
 def _require_region(scene: Scene, region: str, limits: Limits | None) -> None:
-    """Raise SceneError if a region of the reference image is empty, before the simulations."""
-    if region != "interior":
+    """Raise an error if a region of the reference image is empty, before the simulations."""
+    if region == "all":
         return
     one = scene.model_copy(update={"frames": scene.frames.model_copy(update={"count": 1})})
     with suppress_warnings():
         truth = make_truth(one, limits=limits)
     camera, margin = scene.camera, scene.score.interior_margin_px
-    if not main_regions(truth, margin)["interior"].any():
-        message = (
-            f"no pixel of the image of {camera.width} x {camera.height} px is so far from silhouettes and creases: the "
-            "region interior is empty; reduce the margin, or use the region all"
-        )
-        raise SceneError([Problem("score.interior_margin_px", message, margin)])
+    masks = main_regions(truth, margin)
+    masks |= further_regions(truth, masks["interior"], scene.score)
+    if region in masks and masks[region].any():
+        return
+    if region != "interior":
+        shown = ["all", *(name for name in masks if name.startswith(("interior", "object_")) and masks[name].any())]
+        message = f"has no pixel in the reference image, or is the only object; must be one of {', '.join(shown)}"
+        raise ArgumentError([Problem("region", message, region)], source="an uncertainty budget")
+    message = (
+        f"no pixel of the image of {camera.width} x {camera.height} px is so far from silhouettes and creases: the "
+        "region interior is empty; reduce the margin, or use the region all"
+    )
+    raise SceneError([Problem("score.interior_margin_px", message, margin)])
 
 
 _MAX_SEEDS = 1000

@@ -28,6 +28,7 @@ from scenetruth.estimators.refined.pose_corrections import (
     select_blocks,
 )
 from scenetruth.estimators.refined.row_bands import bands
+from scenetruth.number_format import format_two_digits
 from scenetruth.schema.variables import MOTION_ACCELERATED_IN_PART
 
 __all__ = ["PoseErrors", "compare_with_stated", "estimate_pose_errors", "observe_blocks", "warn_of_pose_errors"]
@@ -329,16 +330,22 @@ def warn_of_pose_errors(found: Sequence[PoseErrors | None], step_px: float) -> N
     shift, visit = (step_px * max(values) for values in zip(*((e.shift_px, e.visit_px) for e in errors), strict=True))
     ratios = [each.excess for each in errors if each.excess is not None]
     if ratios:
-        parts = [f"positions by {max(ratios):.2g} times the stated errors of the stage"] if max(ratios) > 1.0 else []
-        parts += [f"single images by about {visit:.2g} px, which are not stated"] if visit else []
+        parts = (
+            [f"positions by {format_two_digits(max(ratios))} times the stated errors of the stage"]
+            if max(ratios) > 1.0
+            else []
+        )
+        parts += [f"single images by about {format_two_digits(visit)} px, which are not stated"] if visit else []
         message = (
             f"images: are displaced against each other: {' and '.join(parts)}; standard deviations are larger by what "
             "this adds; check the errors that are stated (attributes stage_tolerance_*, setting pose_corrections)"
         )
     else:
         message = (
-            f"images: are displaced against each other by about {shift:.2g} px from position to position and "
-            f"{visit:.2g} px from image to image, which steady motion seen from the stated positions does not explain: "
+            "images: are displaced against each other by about "
+            f"{format_two_digits(shift)} px from position to position and "
+            f"{format_two_digits(visit)} px from image to image, which steady "
+            "motion seen from the stated positions does not explain: "
             "by errors of the poses, or by unsteady motion; standard deviations are larger by what this adds; state "
             "the errors of the stage (attributes stage_tolerance_*), or set pose_corrections"
         )

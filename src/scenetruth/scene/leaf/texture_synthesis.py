@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from scenetruth.cache import entry_key, load_or_compute, source_hash
 from scenetruth.errors import Problem, SceneError
+from scenetruth.number_format import format_two_digits
 from scenetruth.scene.leaf.leaf_model import LeafAppearance, LeafForm
 from scenetruth.scene.leaf.margin import compute_entire_margin
 from scenetruth.scene.leaf.veins import Vein, make_main_veins, make_side_veins
@@ -173,7 +174,7 @@ def _refuse_fine_details(entry: LeafAppearance, leaf: LeafForm, area_mm2: float,
     """Raise a SceneError for too many or overlapping dots, or for a network finer than the raster."""
     dots, spread = entry.speckle_density_per_mm2 * area_mm2, entry.speckle_density_per_mm2 * entry.speckle_size_mm**2
     if dots > _MOST_DOTS:
-        message = f"gives {dots:.2g} dots, more than {_MOST_DOTS:.0e}; reduce it"
+        message = f"gives {format_two_digits(dots)} dots, more than {_MOST_DOTS:.0e}; reduce it"
         raise SceneError([Problem("speckle_density_per_mm2", message, entry.speckle_density_per_mm2)])
     if spread > _MOST_LAYERS:
         message = f"gives {spread:.3g} overlapping dots everywhere; use smaller or fewer dots"

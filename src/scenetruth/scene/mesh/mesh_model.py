@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationInfo
 
+from scenetruth.number_format import format_two_digits
 from scenetruth.scene.mesh.appearance import MeshAppearance
 from scenetruth.scene.motion import PointMap
 from scenetruth.validated_model import FrozenModel
@@ -187,7 +188,7 @@ def check_resolution(value: float, longest_mm: float, name: str, twice_area: flo
         raise ValueError(msg)
     triangles = twice_area / value**2
     if triangles > _MOST_TRIANGLES:
-        msg = f"gives about {triangles:.2g} triangles, more than {_MOST_TRIANGLES:.0e}; increase it"
+        msg = f"gives about {format_two_digits(triangles)} triangles, more than {_MOST_TRIANGLES:.0e}; increase it"
         raise ValueError(msg)
     return value
 

@@ -154,7 +154,7 @@ def _by_region(score: Score, shown: list[str]) -> dict[str, Any]:
         "rate": rate is not None,
         "rows": [
             (
-                region,
+                _title_region(region),
                 values[first],
                 [values[name]["rmse"] for name in names],
                 None if rate is None else values[OUTLIERS][rate],
@@ -461,6 +461,22 @@ def _worst_region(errors: Mapping[str, float | None], units: str) -> str:
         return ""
     region = max(known, key=lambda region: known[region])
     return f"{_spell_length(region)}, {format_number(known[region])} {units}"
+
+
+def _title_region(region: str) -> str:
+    """Return the title of a region in a table.
+
+    >>> tuple(_title_region(name) for name in ("all", "occluded", "boundary_0_5", "object_leaf 3"))
+    ('all', 'occluded in an image', '0 to 5 px from an edge', 'object “leaf 3”')
+    """
+    if region in REGIONS:
+        return region
+    words = _spell_length(region)
+    for start in ("where the point is ", "where the ", "on the ", "within ", "from ", "in ", "on ", "at "):
+        if words.startswith(start):
+            words = words.removeprefix(start)
+            break
+    return words.replace(" of an edge", " from an edge")
 
 
 def _spell_length(region: str) -> str:

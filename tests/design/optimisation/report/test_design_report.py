@@ -87,6 +87,13 @@ def test_the_page_is_one_file_that_tells_all(sample: DesignResult, tmp_path: Pat
     told += [one.title for one in sample.recommended.constraints] + [one.says for one in sample.discrepancies]
     for words in told:
         assert words in said
+    # The first sentence states each result with its interval, and no name of a field stands for a word.
+    first = re.search(r"The recommended rig measures the .*?\.\s", said.replace("\N{NO-BREAK SPACE}", " "))
+    assert first is not None
+    for reached in summarise_objectives(sample):
+        assert f"{reached.figure} {reached.unit} (" in first[0]
+        assert reached.between in first[0]
+        assert re.fullmatch(rf"\S+ to \S+ {reached.unit}", reached.between)
     assert "scenetruth run recommended.yaml -o outputs/recommended" in said
     assert "target: 0.3" in said
     identities = re.findall(r' id="([^"]*)"', outside)
@@ -229,12 +236,12 @@ def test_three_objectives_have_three_charts_and_one_has_its_parameter(sample: De
     one = replace(sample, objectives=sample.objectives[1:])
     (chart,) = build_front_charts(one)
     # The interval does more to growth than the baseline.
-    assert chart.layout["xaxis"]["title"]["text"] == "frames.frame_interval_s"
+    assert chart.layout["xaxis"]["title"]["text"] == "frame interval, s"
     assert chart.data[-1]["y"] == [sample.recommended.predicted[GROWTH]]
     # What is a number in some rigs only is no axis.
     mixed = [replace(rig, parameters={**rig.parameters, "frames.frame_interval_s": None}) for rig in one.front[:1]]
     (chart,) = build_front_charts(replace(one, front=(*mixed, *one.front[1:])))
-    assert chart.layout["xaxis"]["title"]["text"] == "stage.baseline_mm"
+    assert chart.layout["xaxis"]["title"]["text"] == "baseline, mm"
     words = [replace(rig, parameters={"lens": "typical"}) for rig in one.front]
     assert build_front_charts(replace(one, front=tuple(words), recommended=words[2])) == []
 
@@ -271,16 +278,16 @@ def test_axes_hold_all_points_which_long_bars_do_not_push_together(
 
 def test_sensitivities_are_told_the_largest_first(sample: DesignResult) -> None:
     assert [line.replace("\N{NO-BREAK SPACE}", " ") for line in describe_sensitivities(sample)] == [
-        f"{DEPTH}: an increase of stage.baseline_mm by 10 % changes it by −9.1 % (better), a decrease by +11 %.",
-        f"{GROWTH}: an increase of frames.frame_interval_s by 10 % changes it by −9.1 % (better), "
-        "a decrease by +11 %; an increase of stage.baseline_mm by 10 % changes it by +7.4 % (worse), "
+        f"{DEPTH}: an increase of the baseline by 10 % changes it by −9.1 % (better), a decrease by +11 %.",
+        f"{GROWTH}: an increase of the frame interval by 10 % changes it by −9.1 % (better), "
+        "a decrease by +11 %; an increase of the baseline by 10 % changes it by +7.4 % (worse), "
         "a decrease by −7.6 %.",
     ]
     charts = {chart.name: chart for chart in build_sensitivity_charts(sample)}
     assert set(charts) == {"ten-percent-0", "sobol-0", "ten-percent-1", "sobol-1"}
     # Bars are drawn from below; catalogues have no 10 %.
     less, more = charts["ten-percent-1"].data
-    assert more["y"] == ["stage.baseline_mm", "frames.<br>frame_interval_s"]
+    assert more["y"] == ["baseline", "frame interval"]
     assert more["x"] == pytest.approx([7.4, -9.09])
     assert less["x"] == pytest.approx([-7.6, 11.1])
     total, first = charts["sobol-1"].data
@@ -330,7 +337,7 @@ def test_ends_of_ranges_are_told(sample: DesignResult, entry: Any, value: Any, t
     found = replace(
         sample, specification={"variables": free}, recommended=replace(sample.recommended, parameters={"x": value})
     )
-    ((_, _, *rest),) = build_parameter_table(found).lines
+    ((_, _, _, *rest),) = build_parameter_table(found).lines
     assert tuple(cell.text for cell in rest) == told
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from scenetruth.design.optimisation.design_records import Objective, PredictionInterval, RigDesign, Sensitivity
 from scenetruth.design.optimisation.design_result import DesignResult
+from scenetruth.design.parameter_words import describe_parameter, label_parameter, title_parameter
 from scenetruth.html import COLOURS, Chart
 from scenetruth.number_format import (
     format_estimate,
@@ -18,7 +20,6 @@ from scenetruth.number_format import (
     format_measured,
     format_number,
     format_signed_percent,
-    format_value,
 )
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ class AxisSpec:
     def title(self) -> str:
         """Title of the axis."""
         return (
-            self.name
+            label_parameter(self.name)
             if self.objective is None
             else f"{self.name}: {self.objective.statistic_title}, {self.objective.unit}"
         )
@@ -233,7 +234,7 @@ def _hover_text(rig: RigDesign) -> str:
             measured = format_measured(found.value, 0.5 * (found.pi_high - found.pi_low))
             text += f", simulated {measured}" + (f" ({between})" if between else "")
         lines.append(text)
-    return "<br>".join([*lines, *(f"{path} = {format_value(value)}" for path, value in rig.parameters.items())])
+    return "<br>".join([*lines, *(describe_parameter(path, value) for path, value in rig.parameters.items())])
 
 
 _MOST_PAIRS, _MOST_SCREENED = 6, 1000
@@ -346,7 +347,7 @@ def _ten_percent(place: int, objective: Objective, own: Sequence[Sensitivity]) -
                 "orientation": "h",
                 "name": name,
                 "x": [finite_or_none(100 * one) for one in changes],
-                "y": [_folded(one.parameter) for one in shown],
+                "y": [_folded(title_parameter(one.parameter)) for one in shown],
                 "text": [format_signed_percent(one) for one in changes],
                 "textposition": "auto",
                 "insidetextanchor": "middle",
@@ -370,7 +371,8 @@ def _ten_percent(place: int, objective: Objective, own: Sequence[Sensitivity]) -
         "height": _AROUND_PX + _BAR_PX * len(shown),
     }
     text = "; ".join(
-        f"{one.parameter} {format_signed_percent(one.ten_percent)} ({format_signed_percent(one.ten_percent_less)})"
+        f"{title_parameter(one.parameter)} {format_signed_percent(one.ten_percent)} "
+        f"({format_signed_percent(one.ten_percent_less)})"
         for one in reversed(shown)
     )
     words = f"Change of {objective.title} for an increase (decrease) of a parameter by 10 %: {text}."
@@ -391,7 +393,7 @@ def _sobol(place: int, objective: Objective, own: Sequence[Sensitivity]) -> Char
                 "orientation": "h",
                 "name": name,
                 "x": [finite_or_none(index) for index, _ in found],
-                "y": [_folded(one.parameter) for one in shown],
+                "y": [_folded(title_parameter(one.parameter)) for one in shown],
                 "error_x": {
                     "type": "data",
                     "array": [finite_or_none(half) for _, half in found],
@@ -420,15 +422,12 @@ def _sobol(place: int, objective: Objective, own: Sequence[Sensitivity]) -> Char
         "legend": {"traceorder": "reversed"},
     }
     text = "; ".join(
-        f"{one.parameter} {format_estimate(one.sobol_total, one.sobol_total_half, one.sobol_samples)}"
+        f"{title_parameter(one.parameter)} {format_estimate(one.sobol_total, one.sobol_total_half, one.sobol_samples)}"
         for one in reversed(shown)
     )
     return Chart(f"sobol-{place}", f"Total Sobol' indices of {objective.title}: {text}.", data, layout)
 
 
-def _folded(path: str) -> str:
-    """Return a path with a line break at its last dot if it is long."""
-    if len(path) <= 18 or "." not in path:
-        return path
-    head, _, last = path.rpartition(".")
-    return f"{head}.<br>{last}"
+def _folded(title: str) -> str:
+    """Return a title with line breaks."""
+    return "<br>".join(textwrap.wrap(title, 18))

@@ -48,6 +48,7 @@ from scenetruth.design.optimisation.report.scene_file import (
 from scenetruth.design.optimisation.report.side_view import assign_colours, describe_side_view, draw_side_views
 from scenetruth.design.optimisation.report.side_view_geometry import compute_side_view
 from scenetruth.design.optimisation.standard_lens import describe_standard_lens
+from scenetruth.design.parameter_words import title_parameter
 from scenetruth.html import render_page
 from scenetruth.number_format import (
     format_interval,
@@ -91,11 +92,12 @@ _MOST_LISTED = 3
 
 @dataclass(frozen=True)
 class ObjectiveResult:
-    """Result of an objective for the recommended rig: value, statistic and origin, comparison with the target."""
+    """Result of an objective for the recommended rig: value, interval, statistic, comparison with the target."""
 
     title: str
     figure: str
     unit: str
+    between: str  # ends of the prediction interval with the unit; empty without one
     source: str
     verdict: str
 
@@ -107,7 +109,7 @@ def summarise_objectives(design: DesignResult) -> list[ObjectiveResult]:
         predicted = design.recommended.predicted[objective.title]
         simulated = design.recommended.simulated.get(objective.title)
         if simulated is None:
-            source = f"predicted {objective.statistic_title}; not simulated"
+            source, between = f"predicted {objective.statistic_title}; not simulated", ""
             figure, half = predicted, None
         else:
             between = format_interval(simulated.pi_low, simulated.pi_high)
@@ -123,7 +125,8 @@ def summarise_objectives(design: DesignResult) -> list[ObjectiveResult]:
             source = f"{objective.statistic_title} in {simulated.seeds} simulated {several} ({line})"
             figure, half = simulated.value, 0.5 * (simulated.pi_high - simulated.pi_low)
         verdict = _verdict(design, objective)
-        found.append(ObjectiveResult(objective.title, _figure(figure, half), objective.unit, source, verdict))
+        between = between and f"{between} {objective.unit}"
+        found.append(ObjectiveResult(objective.title, _figure(figure, half), objective.unit, between, source, verdict))
     return found
 
 
@@ -213,7 +216,7 @@ def describe_sensitivities(design: DesignResult) -> list[str]:
 
 
 def _changed_words(parameter: str) -> str:
-    return "the focal length of the lens" if parameter == "lens" else parameter
+    return f"the {title_parameter(parameter)}"
 
 
 def _listed(parts: Sequence[str]) -> str:

@@ -17,6 +17,7 @@ from scenetruth.design.optimisation.design_records import (
 )
 from scenetruth.design.optimisation.design_result import DesignResult
 from scenetruth.design.optimisation.report.scene_file import build_scene_file
+from scenetruth.design.parameter_words import title_parameter
 from scenetruth.html import HtmlCell, HtmlTable
 from scenetruth.number_format import (
     UNDEFINED,
@@ -77,9 +78,14 @@ def build_parameter_table(design: DesignResult) -> HtmlTable:
         entry = variables.get(path) if isinstance(variables, Mapping) else None
         chosen, at_end = _range(entry, value)
         text = f"{titles[path]} ({value})" if path in titles else format_value(value)
-        lines.append([HtmlCell(path), HtmlCell(text, _sort_key(value)), HtmlCell(chosen), HtmlCell(at_end)])
+        title = "lens" if path == "lens" else title_parameter(path)
+        lines.append(
+            [HtmlCell(title), HtmlCell(path), HtmlCell(text, _sort_key(value)), HtmlCell(chosen), HtmlCell(at_end)]
+        )
     caption = "Design variables with their ranges or choices"
-    return HtmlTable("parameters", caption, ["parameter", "value", "range or choices", "end of the range"], lines)
+    return HtmlTable(
+        "parameters", caption, ["parameter", "field", "value", "range or choices", "end of the range"], lines
+    )
 
 
 def build_front_table(design: DesignResult) -> HtmlTable:
@@ -96,7 +102,8 @@ def build_front_table(design: DesignResult) -> HtmlTable:
             *_OTHER[objective.statistic].values(),
         ]
     priced = any(rig.price is not None for rig in rigs)
-    columns += [*parameters, *(["price, €"] if priced else []), "tightest constraint", "limiting factors", "scene file"]
+    columns += [*("lens" if path == "lens" else title_parameter(path) for path in parameters)]
+    columns += [*(["price, €"] if priced else []), "tightest constraint", "limiting factors", "scene file"]
     lines, marked = [], None
     for place, rig in enumerate(rigs):
         is_best = rig.number == design.recommended.number
@@ -158,7 +165,7 @@ def build_sensitivity_table(design: DesignResult) -> HtmlTable:
     """Return the table of sensitivities."""
     lines = [
         [
-            HtmlCell(one.parameter),
+            HtmlCell(title_parameter(one.parameter)),
             HtmlCell(one.objective),
             *(HtmlCell(format_signed_percent(each), _finite(each)) for each in (one.ten_percent, one.ten_percent_less)),
             *(
@@ -260,9 +267,12 @@ def _range(entry: Any, value: Any) -> tuple[str, str]:
     entries = entry if isinstance(entry, Mapping) else {"values": entry}
     low, high, values = entries.get("from"), entries.get("to"), entries.get("values")
     if _is_number(low) and _is_number(high):
-        spare = _AT_THE_END * (high - low)
-        between = f"{format_value(low)} to {format_value(high)}" + (", logarithmic" if entries.get("log") else "")
-        return between, _end(value, low + spare, high - spare)
+        between = f"{format_value(low)} to {format_value(high)}"
+        if not entries.get("log"):
+            spare = _AT_THE_END * (high - low)
+            return between, _end(value, low + spare, high - spare)
+        factor = (high / low) ** _AT_THE_END
+        return f"{between}, logarithmic", _end(value, factor * low, high / factor)
     if isinstance(values, list | tuple):
         ordered = len(values) > 1 and all(map(_is_number, values))
         return format_value(values), _end(value, min(values), max(values)) if ordered else UNDEFINED

@@ -18,6 +18,7 @@ from scenetruth.design.uncertainty.observation_model import (
 )
 from scenetruth.design.uncertainty.propagation import Errors, Propagation
 from scenetruth.design.uncertainty.source import Calibration, Mitigation, UncertaintySource
+from scenetruth.number_format import format_two_digits
 from scenetruth.scene import Scene
 
 __all__ = ["CalibrationSource"]
@@ -139,7 +140,7 @@ class ResidualDistortionSource(UncertaintySource):
             return ""
         corner = np.array([0.0, 0.0]) - camera.principal_point
         off = camera.distortion.distort(corner / camera.focal_px) * camera.focal_px - corner
-        return f"{np.linalg.norm(off):.2g} px in a corner"
+        return f"{format_two_digits(float(np.linalg.norm(off)))} px in a corner"
 
     def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
         """Yield the difference of the displacement between each image and the reference."""

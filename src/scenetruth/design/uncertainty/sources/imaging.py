@@ -13,6 +13,7 @@ from scenetruth.camera import LinearImage, build_sensor_chain
 from scenetruth.camera.lens import AiryPsf, GaussianPsf
 from scenetruth.design.uncertainty.observation_model import Disturbance, ImageDisturbance, Map, ObservationModel
 from scenetruth.design.uncertainty.source import Calibration, Mitigation, UncertaintySource, restrict_sources
+from scenetruth.number_format import format_two_digits
 from scenetruth.random_streams import generator_for
 from scenetruth.scene import Scene
 
@@ -169,7 +170,7 @@ class FixedPatternNoiseSource(SensorSource):
 
     def size(self, scene: Scene, calibration: Calibration) -> str:
         """Return the standard deviation of a grey value."""
-        return f"{100 * self.deviation(scene):.2g} % of full scale"
+        return f"{format_two_digits(100 * self.deviation(scene))} % of full scale"
 
     def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
         """Return a flat-field correction."""
@@ -199,7 +200,7 @@ class PointSpreadSource(UncertaintySource):
     def size(self, scene: Scene, calibration: Calibration) -> str:
         """Return the width of the point-spread function."""
         psf = scene.optics.psf
-        return "" if psf is None else f"{np.sqrt(_variance(psf)):.2g} px"
+        return "" if psf is None else f"{format_two_digits(np.sqrt(_variance(psf)))} px"
 
     def disturbances(self, sight: ObservationModel) -> Iterable[Disturbance]:
         """Yield the change of contrast with the distance of the object."""
@@ -254,7 +255,7 @@ class TemporalNoiseSource(SensorSource):
         """Return the noise of a grey value at half of full scale."""
         if getattr(scene.sensor, "kind", "") == "gaussian":
             return f"{100 * float(getattr(scene.sensor, 'noise_std', 0.0)):g} % of full scale"
-        return f"{100 * self.deviation(scene):.2g} % of full scale"
+        return f"{format_two_digits(100 * self.deviation(scene))} % of full scale"
 
     def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
         """Return a measure that halves the noise."""
@@ -295,7 +296,7 @@ class QuantisationSource(SensorSource):
     def size(self, scene: Scene, calibration: Calibration) -> str:
         """Return the bit depth and the standard deviation of rounding."""
         bits = self._bits(scene)
-        return f"{bits} bits, {100 / np.sqrt(12) / (2**bits - 1):.2g} % of full scale"
+        return f"{bits} bits, {format_two_digits(100 / np.sqrt(12) / (2**bits - 1))} % of full scale"
 
     def remedy(self, scene: Scene, calibration: Calibration) -> Mitigation:
         """Return four more bits, up to 16."""

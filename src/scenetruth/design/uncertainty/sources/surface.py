@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from scenetruth.design.uncertainty.observation_model import ObservationModel
 from scenetruth.design.uncertainty.propagation import Errors, Propagation
 from scenetruth.design.uncertainty.source import Calibration, Mitigation, UncertaintySource
+from scenetruth.number_format import format_two_digits
 from scenetruth.scene import Scene
 
 __all__ = ["SurfaceSource"]
@@ -43,7 +44,9 @@ class CurvatureSource(SurfaceSource):
         if sigma is None:
             return None
         # The deviation is proportional to the area of the window.
-        return Mitigation(f"a smaller window (estimate.window_sigma_px: {0.7 * sigma:.2g})", {self.kind: 0.5})
+        return Mitigation(
+            f"a smaller window (estimate.window_sigma_px: {format_two_digits(0.7 * sigma)})", {self.kind: 0.5}
+        )
 
 
 class DepthDiscontinuitySource(SurfaceSource):
