@@ -102,7 +102,7 @@ def test_file_names_are_printed_harmlessly(tmp_path: Path, command: str) -> None
     assert done.returncode == 2
     assert "\x1b" not in done.stderr
     assert "\\x1b[31mred\\x1b[0m [bold]b[/bold] :smile:\\n.yaml" in done.stderr
-    assert "cannot be read: No such file or directory" in done.stderr
+    assert "no such file; specify the path of a scene file" in done.stderr
 
 
 @pytest.mark.parametrize("command", ["estimate", "score", "report"])

@@ -49,7 +49,7 @@ def test_names_of_nothing_are_told_with_all_else(tmp_path: Path) -> None:
         st.load_recipe(written(tmp_path, base=["rosette", "rosete", "cube.yaml"], samples=0)).sampler()
     told = str(caught.value)
     assert "base.1: no such file or bundled scene; did you mean 'rosette'?" in told
-    assert "base.2: cannot be read: No such file" in told
+    assert "base.2: no such file" in told
     assert "use the bundled scene by name: cube" in told
     assert "base.0" not in told
     assert "samples: " in told
@@ -63,8 +63,8 @@ def test_names_of_nothing_are_told_with_all_else(tmp_path: Path) -> None:
             "base.0: no such file or bundled scene; did you mean 'leaf'[?] `scenetruth list",
         ),
         ("qqqq", "bundled scene; `scenetruth list scenes` lists all"),
-        ("../leaf.yaml", "base.0: cannot be read: No such file.*use the bundled scene by name: leaf"),
-        ("../qqqq.yaml", r"base.0: cannot be read: No such file or directory \(got"),
+        ("../leaf.yaml", "base.0: no such file; use the bundled scene by name: leaf"),
+        ("../qqqq.yaml", r"base.0: no such file; specify the path of a scene file \(got"),
     ],
 )
 def test_a_base_that_is_not_there_is_told_with_what_may_be_meant(base: str, told: str, tmp_path: Path) -> None:

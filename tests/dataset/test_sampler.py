@@ -147,7 +147,7 @@ BAD: list[tuple[dict[str, Any], list[str]]] = [
     ({"smaples": 3}, ["smaples: unknown key; did you mean 'samples'?"]),
     ({"samples": 0}, ["samples: "]),
     ({"name": "two words"}, ["name: "]),
-    ({"base": "missing.yaml"}, ["base.0: cannot be read: No such file"]),
+    ({"base": "missing.yaml"}, ["base.0: no such file"]),
     ({"base": {"camera": {}, "stage": {}}}, ["base.0.camera.width: is missing", "base.0.stage"]),
     ({"base": []}, ["base: "]),
     ({"set": {"camera.widht": 3}}, ["camera.widht: unknown key"]),

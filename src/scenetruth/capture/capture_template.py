@@ -262,7 +262,7 @@ def write_capture_file(
 def _find_groups(folder: Path) -> _Groups:
     """Return the patterns of a folder by purpose; raises `CaptureError` if there are no images."""
     if not folder.is_dir():
-        raise CaptureError([Problem("FOLDER", "is not a directory", str(folder))])
+        raise CaptureError([Problem("FOLDER", "is not a directory; specify the directory of your images", str(folder))])
     try:
         names = list_names(folder, suffixes=IMAGE_SUFFIXES)
     except (OSError, ValueError) as error:

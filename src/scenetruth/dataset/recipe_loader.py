@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import errno
-import os
 import re
 from collections import Counter
 from collections.abc import Mapping
@@ -23,11 +21,11 @@ from scenetruth.input_files import bundled_file, bundled_files, validation_conte
 from scenetruth.plain_data import plain_problems
 from scenetruth.scene import Overrides, Scene, join_override_problems, override, read_input, read_scene
 from scenetruth.scene.scene_loader import SceneReading, change_scene, validate_scene
+from scenetruth.scene.yaml_reader import NO_FILE
 from scenetruth.valid_remainder import FieldRepair, read_model
 
 __all__ = ["Recipe", "RecipeLike", "load_recipe"]
 
-_NOT_THERE = f"cannot be read: {os.strerror(errno.ENOENT)}"
 _MAPPING = "a mapping of name, base, samples, distributions, ..."
 
 
@@ -266,7 +264,7 @@ def _base(
         reading = SceneReading(None, error.problems)
     changed = change_scene(reading, recipe.set, None if recipe.folder is None else Path(recipe.folder))
     for one in changed.problems:
-        if isinstance(given, str) and not one.path and one.message == _NOT_THERE:
+        if isinstance(given, str) and not one.path and one.message.startswith(NO_FILE):
             problems.append(Problem(where, _no_such_scene(given), given))
         else:
             path = ".".join(filter(None, (where, one.path)))
@@ -291,8 +289,8 @@ def _no_such_scene(given: str) -> str:
     path, shipped = Path(given), bundled_files()
     if path.suffix:
         known = path.suffix in (".yaml", ".yml") and path.stem in shipped
-        remedy = f"; use the bundled scene by name: {path.stem}" if known else ""
-        return f"{_NOT_THERE}{remedy}"
+        remedy = f"use the bundled scene by name: {path.stem}" if known else "specify the path of a scene file"
+        return f"{NO_FILE}; {remedy}"
     near = [f"'{name}'" for name in difflib.get_close_matches(path.name.lower(), shipped, n=3)]
     question = f"; did you mean {' or '.join(near)}?" if near else ";"
     return f"no such file or bundled scene{question} `scenetruth list scenes` lists all"

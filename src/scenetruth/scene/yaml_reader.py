@@ -10,13 +10,16 @@ from pathlib import Path
 from typing import Any
 
 from scenetruth.errors import CaptureError, Problem, RecipeError, SceneError
-from scenetruth.input_files import regular_file_size
+from scenetruth.input_files import describe_missing, regular_file_size
 from scenetruth.plain_data import MAX_DEPTH, MAX_VALUES, scalar_problem
 
-__all__ = ["MAX_YAML_BYTES", "InputProblemError", "read_file", "read_yaml"]
+__all__ = ["MAX_YAML_BYTES", "NO_FILE", "InputProblemError", "read_file", "read_yaml"]
 
 InputProblemError = type[SceneError] | type[RecipeError] | type[CaptureError]
 """Errors of input files."""
+
+NO_FILE = "no such file"
+"""Beginning of the message for a missing file."""
 
 MAX_YAML_BYTES = 4_000_000
 """Maximum size of a scene or recipe file; bundled files have some thousand bytes."""
@@ -38,6 +41,10 @@ def read_file(file: str | Path, what: str, refused: InputProblemError) -> tuple[
     try:
         plain, problems = read_yaml(read_text(path, what))
         folder = path.parent.resolve()
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise refused(
+            [Problem("", describe_missing(path, f"{NO_FILE}; specify the path of {what}"))], source=path
+        ) from error
     except (OSError, RuntimeError) as error:
         values = getattr(error, "strerror", None) or error
         raise refused([Problem("", f"cannot be read: {values}")], source=path) from error

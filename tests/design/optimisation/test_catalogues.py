@@ -51,9 +51,9 @@ def test_missing_units_and_all_else_is_told_at_once(tmp_path: Path) -> None:
         "lenses.mine.focal_length: unknown key; did you mean 'focal_length_mm'?",
         "lenses.mine.focal_length_mm: is missing",
         "cameras.mine: requires a preset, or quantum_efficiency, read_noise_e, bit_depth",
-        "stages.mine.travel_mm: input should be a valid number",
+        "stages.mine.travel_mm: must be a number without a unit: 25",
         "stages.mine.yaw: unknown key; did you mean 'yaw_urad'?",
         "lights: unknown key",
-        "none.yaml: (top level): cannot be read",
+        "none.yaml: (top level): no such file; specify the path of a catalogue",
     ):
         assert expected in told
