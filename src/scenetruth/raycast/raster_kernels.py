@@ -311,18 +311,19 @@ def _grid_steps(
     grid: NDArray[np.float64], regular: NDArray[np.bool_],
 ) -> None:  # fmt: skip
     apart_u, apart_v = _GRID_MARGIN * abs(grid[1]), _GRID_MARGIN * abs(grid[3])
-    for y in range(low, high):
-        good = True
-        for x in range(width):
-            n = y * width + x
+    first_u, step_u = grid[0], grid[1]
+    for y in range(np.uint64(low), np.uint64(high)):
+        good, v = 0, grid[2] + y * grid[3]
+        for x in range(np.uint64(width)):
+            n = y * np.uint64(width) + x
             dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
             across, down, along = components(dx, dy, dz, frame)
-            ahead = along > LEAST_COSINE * np.sqrt(dx * dx + dy * dy + dz * dz)
-            # Comparisons with NaN are false.
-            near_u = abs(across / along - grid[0] - x * grid[1]) < apart_u
-            near_v = abs(down / along - grid[2] - y * grid[3]) < apart_v
-            good = good and ahead and near_u and near_v
-        regular[y] = good
+            # Without divisions, roots and branches, in vectors. Comparisons with NaN are false.
+            ahead = (along > 0.0) & (along * along > LEAST_COSINE**2 * (dx * dx + dy * dy + dz * dz))
+            near_u = abs(across - (first_u + x * step_u) * along) < apart_u * along
+            near_v = abs(down - v * along) < apart_v * along
+            good += ahead & near_u & near_v
+        regular[y] = good == width
 
 
 @kernel()
