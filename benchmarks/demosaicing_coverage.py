@@ -32,8 +32,8 @@ CASES: dict[str, tuple[dict[str, Any], tuple[float, float], str, float]] = {
     "green leaf": (LEAF, (2, 20), "green", 2.55),
     "ball, held out": (BALL, (3, 20), "coloured", 2.7),
     "green leaf, held out": (LEAF, (4, 16), "green", 3.3),
-    "red leaf, held out": (LEAF, (4, 18), "red", 2.5),
-    "cylinder, held out": (TUBE, (5, 15), "grey", 2.3),
+    "red leaf": (LEAF, (4, 18), "red", 2.5),
+    "cylinder": (TUBE, (5, 15), "grey", 2.3),
 }
 """Mesh, wavelengths of the texture in px, colour, and baseline in mm."""
 NOISES = (0.003, 0.02)

@@ -16,7 +16,7 @@ from scenetruth.estimators.refined import (
     SystematicErrors,
     add_contradiction,
     blank_fit,
-    change_of_spans,
+    change_at_scales,
     extrapolation_share,
     find_open_blanks,
     is_supported,
@@ -122,14 +122,14 @@ def test_a_weak_change_of_a_whole_surface_is_seen_and_that_of_a_few_pixels_does_
     drawn = ndimage.gaussian_filter(np.random.default_rng(4).normal(0.0, 1.0, (80, 80)), 2.0)
     noise = drawn / drawn.std()
     among, variance = np.ones(noise.shape, dtype=np.bool_), np.ones((1, *noise.shape))
-    (still,), *_ = change_of_spans(noise[None], variance, among, 2.0)
-    (moved,), *_ = change_of_spans(noise[None] + 0.8, variance, among, 2.0)
+    (still,), *_ = change_at_scales(noise[None], variance, among, 2.0, 0.2)
+    (moved,), *_ = change_at_scales(noise[None] + 0.8, variance, among, 2.0, 0.2)
     assert still.mean() < 0.05
     assert np.mean(moved > 0.0) > 0.95
     assert np.median(np.sqrt(moved)) == pytest.approx(0.8, abs=0.3)
     few = noise.copy()
     few[40:42, 40:42] += 300.0
-    (spread,), *_ = change_of_spans(few[None], variance, among, 2.0)
+    (spread,), *_ = change_at_scales(few[None], variance, among, 2.0, 0.2)
     assert spread[40, 40] > 100.0
     assert spread[:, :8].max() < 1.0
 

@@ -93,7 +93,7 @@ if TYPE_CHECKING:
         Quantities,
         SystematicErrors,
         add_contradiction,
-        change_of_spans,
+        change_at_scales,
         extrapolation_share,
         list_spans,
         polynomial_bias,
@@ -139,7 +139,7 @@ __all__ = [
     "at_nodes",
     "between",
     "blank_fit",
-    "change_of_spans",
+    "change_at_scales",
     "choose_frames_beyond",
     "choose_tiles",
     "combine_displacements",
@@ -261,7 +261,7 @@ __getattr__, __dir__ = export_lazily(
         "row_bands": "FIT_LIMITS NO_OCCLUSION",
         "smooth_light": "SmoothLight",
         "systematic_error": (
-            "Quantities SystematicErrors add_contradiction change_of_spans extrapolation_share list_spans "
+            "Quantities SystematicErrors add_contradiction change_at_scales extrapolation_share list_spans "
             "polynomial_bias sees_second_camera"
         ),
         "tiles": "RegionImages choose_tiles margin_px spread_regions",

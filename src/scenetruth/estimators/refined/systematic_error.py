@@ -50,7 +50,7 @@ __all__ = [
     "SpanGroup",
     "SystematicErrors",
     "add_contradiction",
-    "change_of_spans",
+    "change_at_scales",
     "collect_quantities",
     "estimate_systematic_errors",
     "extrapolation_share",
@@ -399,13 +399,9 @@ def _window_errors(refined: RefinedState, group: SpanGroup, smaller: Fit, sigma:
     step, small = sample_step(sigma), _small(sigma)
     share = sigma**2 / (sigma**2 - small**2) if small < sigma else 0.0
     fine, full = (collect_quantities(each, refined.noise_ratio) for each in (smaller, at_nodes(refined.fit, step)))
-    square, *_ = mean_change(
-        fine.values - full.values,
-        _noise_of_change(full, fine),
-        group.where[::step, ::step],
-        sigma / step,
-        _OF_WINDOWS,
-    )
+    among = group.where[::step, ::step]
+    noise = _noise_of_change(full, fine)
+    square, *_ = change_at_scales(fine.values - full.values, noise, among, sigma / step, _OF_WINDOWS)
     return share**2 * square
 
 
@@ -458,7 +454,7 @@ def _span_errors(
         quantities.append(latest)
         thetas.append(theta)
         change, noise = latest.values - before.values, _noise_of_change(before, latest)
-        square, ratio, of_mean = change_of_spans(change, noise, among & where[nodes], sigma / step)
+        square, ratio, of_mean = change_at_scales(change, noise, among & where[nodes], sigma / step, _OF_SPANS)
         bent = group.suited(part).accelerated
         square = _with_hidden_changes(square, ratio, of_mean)
         share = extrapolation_share(times[n - 1], times[n], accelerated=bent)[OF_VELOCITY][:, None, None]
@@ -469,7 +465,7 @@ def _span_errors(
         # The error of longer spans is the change to the shortest, and its own.
         for k in range(n - 1):
             change, noise = latest.values - quantities[k].values, _noise_of_change(quantities[k], latest)
-            square, *_ = change_of_spans(change, noise, among & where[nodes], sigma / step)
+            square, *_ = change_at_scales(change, noise, among & where[nodes], sigma / step, _OF_SPANS)
             errors[k] = np.maximum(errors[k], square + errors[-1])
         large = (ratio[[0, *range(_VELOCITY, _STEADY)]].max(axis=0) > _LARGE) | (n < group.span + 1)
         worth |= large & (n >= group.span + 1)
@@ -480,19 +476,19 @@ def _span_errors(
     return _SpanErrors(errors, [each.variances for each in quantities], thetas, of_fit, worth & among)
 
 
-def change_of_spans(change: Map, noise: Map, among: Mask, sigma: float) -> tuple[Map, Map, Map]:
-    """Return the largest of the systematic changes over all scales and its significance, and the noise of the first.
+def change_at_scales(change: Map, noise: Map, among: Mask, sigma: float, correlated: float) -> tuple[Map, Map, Map]:
+    """Return as `mean_change` the largest systematic change and significance over all scales, and the first noise.
 
-    Of a surface that moves as a whole, noise hides less of the mean change, the larger the area. Large changes of
-    single pixels do not spread over it.
+    Of a surface that moves or is curved as a whole, noise hides less of the mean change, the larger the area. Large
+    changes of single pixels do not spread over it.
     """
-    square, ratio, of_mean = mean_change(change, noise, among, sigma, _OF_SPANS)
+    square, ratio, of_mean = mean_change(change, noise, among, sigma, correlated)
     with np.errstate(invalid="ignore"):
         most = _MOST * np.sqrt(noise)
         clipped = np.clip(change, -most, most)
     for scale in _COARSER:
-        correlated = 1.0 / (1.0 + (scale * _WIDER) ** 2)
-        coarse = mean_change(clipped, noise, among, scale * sigma, correlated, scatter=False)
+        less = correlated * (1.0 + _WIDER**2) / (1.0 + (scale * _WIDER) ** 2)
+        coarse = mean_change(clipped, noise, among, scale * sigma, less, scatter=False)
         square, ratio = np.maximum(square, coarse[0]), np.maximum(ratio, coarse[1])
     return square, ratio, of_mean
 
