@@ -195,6 +195,23 @@ def test_gloss_shows_the_lamp(name: str, roughness: float) -> None:
         assert found[1] == pytest.approx(expected[1], abs=1e-3 * expected.sum())
 
 
+@pytest.mark.parametrize("roughness", [0.05, 0.1, 0.3])
+@pytest.mark.parametrize("normal", [(0.2, 0.1, -1.0), (0.9, -0.3, -0.5), (-0.5, 0.6, -0.2)])
+def test_white_surfaces_among_lamps_reflect_all_light(normal: Any, roughness: float) -> None:
+    """Six panels, each of which is 90° wide, enclose a point: it sees equal radiance in all directions."""
+    material, total = Material(refractive_index=1.5, roughness=roughness), 0.0
+    at = np.array([[0.0, 0.0, 600.0]])
+    for axis in range(3):
+        for sign in (-1.0, 1.0):
+            ahead, across = np.roll([1.0, 0.0, 0.0], axis), np.roll([0.0, 1.0, 0.0], axis)
+            place = {"position_mm": tuple(at[0] - 400 * sign * ahead), "direction": tuple(sign * ahead)}
+            lamp = panel(800.0, 800.0, width_direction=tuple(across), **place)
+            assert lamp.area is not None
+            total += light_of(lamp, at, unit(normal)[None], material).sum() / (np.pi * lamp.area.radiance)
+    # At 75° from the normal, the highlight is narrower than the points of the lamp resolve; elsewhere, sums have 1e-3.
+    assert total == pytest.approx(1.0, abs=5e-3 if normal[2] > -0.5 else 1e-3)
+
+
 def test_a_tiny_lamp_is_a_point() -> None:
     material = Material(refractive_index=1.5, roughness=0.3)
     point, normal = np.array([[80.0, 30.0, 450.0]]), unit([0.2, 0.0, -1.0])[None]
