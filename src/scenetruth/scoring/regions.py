@@ -18,11 +18,13 @@ from scenetruth.settings import ScoreSettings
 
 __all__ = [
     "REGIONS",
+    "describe_region",
     "edge_distance",
     "further_regions",
     "is_further_region",
     "main_regions",
     "region_masks",
+    "title_region",
     "visible_throughout",
 ]
 
@@ -177,3 +179,47 @@ def _classes(name: str, values: NDArray[np.float64], bounds: Sequence[float], am
 def _flags(values: xr.DataArray) -> Mask:
     """Return flags as booleans; flags read as floats are NaN where undefined."""
     return np.asarray(np.nan_to_num(values.values).astype(bool))
+
+
+def title_region(region: str) -> str:
+    """Return the title of a region in a table.
+
+    >>> tuple(title_region(name) for name in ("all", "occluded", "boundary_0_5", "object_leaf 3"))
+    ('all', 'occluded in an image', '0 to 5 px from an edge', 'object “leaf 3”')
+    """
+    if region in REGIONS:
+        return region
+    words = describe_region(region)
+    for start in ("where the point is ", "where the ", "on the ", "within ", "from ", "in ", "on ", "at "):
+        if words.startswith(start):
+            words = words.removeprefix(start)
+            break
+    return words.replace(" of an edge", " from an edge")
+
+
+def describe_region(region: str) -> str:
+    """Return the position of a region as text.
+
+    >>> tuple(describe_region(name) for name in ("boundary_0_5", "boundary_20_inf", "slope_45_70", "object_leaf 3"))
+    ('within 0 to 5 px of an edge', 'from 20 px from an edge on', 'on slopes of 45 to 70°', 'on the object “leaf 3”')
+    """
+    fixed = {
+        "nonoccluded": "where the point is visible in all images",
+        "occluded": "where the point is occluded in an image",
+        "specular": "in highlights",
+        "shadow_boundary": "at borders of shadows",
+        "contrast_low": "where the contrast is low",
+        "contrast_mid": "where the contrast is medium",
+        "contrast_high": "where the contrast is high",
+    }
+    if region in fixed:
+        return fixed[region]
+    if region.startswith("object_"):
+        return f"on the object “{region.removeprefix('object_')}”"
+    bounds = re.fullmatch(r"(slope|boundary)_([^_]+)_([^_]+)", region)
+    if bounds is None:
+        return f"in the region “{region}”"
+    kind, low, high = bounds.groups()
+    if kind == "slope":
+        return f"on slopes of {low} to {high}°"
+    return f"from {low} px from an edge on" if high == "inf" else f"within {low} to {high} px of an edge"

@@ -19,7 +19,8 @@ from scenetruth.output import write_atomically
 from scenetruth.results import QuantityValue, Result, refuse_unknown
 from scenetruth.schema import STATUS_VALID
 from scenetruth.scoring import QUANTITIES, Quantity, Score
-from scenetruth.scoring.regions import edge_distance, further_regions, main_regions, visible_throughout
+from scenetruth.scoring.quantities import get_title
+from scenetruth.scoring.regions import edge_distance, further_regions, main_regions, title_region, visible_throughout
 from scenetruth.scoring.scorer import local_contrast, reference_images
 from scenetruth.settings import ScoreSettings
 
@@ -194,7 +195,8 @@ class TwinPrediction(Result):
 
     def summary(self) -> str:
         """Return the main errors, and where capture and twin differ, as text."""
-        lines = [
+        lines = [self._state_result()] if any(row.count for row in self.rows) else []
+        lines += [
             "predicted errors: region, quantity, RMSE = pixel + common + bias (root of the sum of squares), density"
         ]
         for row in self.rows:
@@ -202,12 +204,14 @@ class TwinPrediction(Result):
             if row.quantity not in shown or not row.count:
                 continue
             parts = " + ".join(format_number(abs(each)) for each in (row.pixel_std, row.common_std, row.bias))
-            symbol, total = QUANTITIES[row.quantity].symbol, format_number(row.rmse)
+            name, total = get_title(row.quantity), format_number(row.rmse)
             share = format_percent_value(row.density)
             scatter = ""
             if math.isfinite(row.sampling_std):
                 scatter = f"; pixel ± {format_percent_value(row.sampling_std)} %"
-            lines.append(f"  {row.region:18} {symbol:4} {total:>8} {row.unit} = {parts}, {share} %{scatter}")
+            lines.append(
+                f"  {title_region(row.region):23} {name:13} {total:>8} {row.unit} = {parts}, {share} %{scatter}"
+            )
         if not any(row.count for row in self.rows):
             lines.append("  none: no pixel of the twin has a valid estimate")
         if self.comparisons:
@@ -217,6 +221,18 @@ class TwinPrediction(Result):
             values = f"{format_number(each.capture)} and {format_number(each.twin)} {each.unit}".rstrip()
             lines.append(f"  {each.name}: {values}{differs}")
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
+
+    def _state_result(self) -> str:
+        """Return the predicted errors of the interior as a sentence."""
+        main = [row for row in self.rows if row.region == "interior" and row.quantity in _EVERYWHERE and row.count]
+        if not main:
+            return "the interior of the twin has no valid estimate"
+        parts = [
+            f"{get_title(row.quantity)[0].lower()}{get_title(row.quantity)[1:]} to "
+            f"{format_number(row.rmse, 2)} {row.unit}"
+            for row in main
+        ]
+        return f"a twin of this capture measures {' and '.join(parts)} (RMSE in the interior)"
 
     def __repr__(self) -> str:
         main = [row for row in self.rows if row.region == "interior" and row.quantity in _MAIN]

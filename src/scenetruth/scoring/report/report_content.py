@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -26,7 +25,7 @@ from scenetruth.scoring.error_pairs import (
 )
 from scenetruth.scoring.growth_rate import compute_growth_rate
 from scenetruth.scoring.quantities import ENDPOINT, OUTLIERS, QUANTITIES, get_title, get_units
-from scenetruth.scoring.regions import REGIONS
+from scenetruth.scoring.regions import REGIONS, describe_region, title_region
 from scenetruth.scoring.report.hotspot_pictures import HotspotPicture
 from scenetruth.scoring.report.viewer import Viewer
 from scenetruth.scoring.report.viewer_layers import ErrorHotspot
@@ -154,7 +153,7 @@ def _by_region(score: Score, shown: list[str]) -> dict[str, Any]:
         "rate": rate is not None,
         "rows": [
             (
-                _title_region(region),
+                title_region(region),
                 values[first],
                 [values[name]["rmse"] for name in names],
                 None if rate is None else values[OUTLIERS][rate],
@@ -460,48 +459,4 @@ def _worst_region(errors: Mapping[str, float | None], units: str) -> str:
     if len(known) < 2:
         return ""
     region = max(known, key=lambda region: known[region])
-    return f"{_spell_length(region)}, {format_number(known[region])} {units}"
-
-
-def _title_region(region: str) -> str:
-    """Return the title of a region in a table.
-
-    >>> tuple(_title_region(name) for name in ("all", "occluded", "boundary_0_5", "object_leaf 3"))
-    ('all', 'occluded in an image', '0 to 5 px from an edge', 'object “leaf 3”')
-    """
-    if region in REGIONS:
-        return region
-    words = _spell_length(region)
-    for start in ("where the point is ", "where the ", "on the ", "within ", "from ", "in ", "on ", "at "):
-        if words.startswith(start):
-            words = words.removeprefix(start)
-            break
-    return words.replace(" of an edge", " from an edge")
-
-
-def _spell_length(region: str) -> str:
-    """Return the position of a region as text.
-
-    >>> tuple(_spell_length(name) for name in ("boundary_0_5", "boundary_20_inf", "slope_45_70", "object_leaf 3"))
-    ('within 0 to 5 px of an edge', 'from 20 px from an edge on', 'on slopes of 45 to 70°', 'on the object “leaf 3”')
-    """
-    fixed = {
-        "nonoccluded": "where the point is visible in all images",
-        "occluded": "where the point is occluded in an image",
-        "specular": "in highlights",
-        "shadow_boundary": "at borders of shadows",
-        "contrast_low": "where the contrast is low",
-        "contrast_mid": "where the contrast is medium",
-        "contrast_high": "where the contrast is high",
-    }
-    if region in fixed:
-        return fixed[region]
-    if region.startswith("object_"):
-        return f"on the object “{region.removeprefix('object_')}”"
-    bounds = re.fullmatch(r"(slope|boundary)_([^_]+)_([^_]+)", region)
-    if bounds is None:
-        return f"in the region “{region}”"
-    kind, low, high = bounds.groups()
-    if kind == "slope":
-        return f"on slopes of {low} to {high}°"
-    return f"from {low} px from an edge on" if high == "inf" else f"within {low} to {high} px of an edge"
+    return f"{describe_region(region)}, {format_number(known[region])} {units}"
