@@ -222,6 +222,19 @@ def test_a_ring_around_the_camera_is_accepted() -> None:
     assert not find_lighting_problems(scene, build_scene(scene))
 
 
+@pytest.mark.parametrize(
+    ("roughness", "radius_mm", "warned"), [(0.02, 400.0, True), (0.03, 400.0, False), (0.02, 20.0, False)]
+)
+def test_sharp_gloss_under_wide_lamps_is_warned_of(roughness: float, radius_mm: float, warned: bool) -> None:
+    plain = lit({**RING, "radius_mm": radius_mm, "inner_radius_mm": 15.0}).to_dict()
+    plain["objects"][0]["material"] = {"refractive_index": 1.5, "roughness": 0.5, "roughness_along": roughness}
+    scene = st.Scene.from_dict(plain)
+    depth = np.full((scene.camera.height, scene.camera.width), 660.0)
+    found = [text for text in describe_scene(scene, build_scene(scene), depth).warnings if "roughness" in text]
+    assert bool(found) == warned
+    assert all("lighting.lights.0: the lamp is wider than its distance from 'cube'" in text for text in found)
+
+
 def test_lamps_in_view_and_lamps_that_face_away_are_warned_of() -> None:
     scene = lit({**DISC, "position_mm": [0, 0, 300]}, {**RING, "target_mm": [0, 0, -9]}, RING)
     depth = np.full((scene.camera.height, scene.camera.width), 660.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, Self
@@ -103,6 +104,13 @@ class Material(FrozenModel):
             msg = f"from_file takes the material of the mesh file; remove {', '.join(given)}"
             raise ValueError(msg)
         return self
+
+    @property
+    def least_roughness(self) -> float:
+        """Least roughness along any direction; infinite without gloss."""
+        if self.refractive_index == 1.0 and self.metallic == 0.0:
+            return math.inf
+        return self.roughness if self.roughness_along is None else min(self.roughness, self.roughness_along)
 
     @property
     def matt(self) -> bool:

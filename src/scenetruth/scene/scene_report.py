@@ -32,6 +32,7 @@ __all__ = [
 
 # Perturbation that gives a ray direction unlikely to be aligned with edges or faces.
 _UNSTEADY = 1e-3
+_SHARPEST_GLOSS = 0.03  # roughness whose reflections of wide lamps are exact within 0.2 %
 _MOST_RESIDUAL_PX = 2.0
 _BRIGHTER = 1e-3  # by which splines may exceed the values of a texture
 _GENERIC_DIRECTION = np.array([0.351938, 0.681273, 0.641873])
@@ -205,6 +206,24 @@ def _lamp_warnings(scene: Scene, world: BuiltScene) -> list[str]:
     return messages
 
 
+def _gloss_warnings(scene: Scene, world: BuiltScene) -> list[str]:
+    """Return warnings of sharp gloss that reflects lamps wider than their distance."""
+    sharp = {item.name: item.material.least_roughness for _, item in scene.parts}
+    messages = []
+    for number, lamp in enumerate(scene.band_scenes()[0].lighting.lamps_at(0.0)):
+        if lamp.area is None or lamp.position_mm is None:
+            continue
+        reach = float(np.linalg.norm(lamp.outline_mm() - lamp.position_mm, axis=1).max())
+        for body in world.bodies:
+            roughness = sharp.get(body.name, np.inf)
+            near = float(np.linalg.norm(body.vertices_mm - lamp.position_mm, axis=1).min())
+            if roughness < _SHARPEST_GLOSS and near < 2 * reach:
+                message = f"lighting.lights.{number}: the lamp is wider than its distance from '{body.name}', whose "
+                message += f"roughness of {roughness:g} is below {_SHARPEST_GLOSS:g}: reflections have errors of up to "
+                messages.append(f"{message}a third; use a smaller lamp or a rougher surface")
+    return messages
+
+
 def _lost_lamps(lighting: Lighting, times: Sequence[float]) -> dict[int, Problem]:
     """Return the problems of lamps whose position or direction overflows, by number."""
     lost: dict[int, Problem] = {}
@@ -296,7 +315,8 @@ def check_scene(scene: Scene, world: BuiltScene) -> None:
     reports, problems = _inspect(scene, world, None)
     if problems:
         raise SceneError(problems)
-    for message in (*_texture_warnings(reports), *_extension_warnings(reports), *_material_warnings(scene)):
+    messages = [*_texture_warnings(reports), *_extension_warnings(reports), *_material_warnings(scene)]
+    for message in [*messages, *_gloss_warnings(scene, world)]:
         warnings.warn(message, SceneWarning, stacklevel=2)
 
 
@@ -319,7 +339,7 @@ def describe_scene(
     chain = build_sensor_chain(scene.sensor)
     sample = chain.dtype.itemsize * max(len(chain.channels(scene.camera.bands)), 1)
     messages = [*_texture_warnings(reports), *_extension_warnings(reports), *_material_warnings(scene)]
-    messages += _lamp_warnings(scene, world)
+    messages += [*_lamp_warnings(scene, world), *_gloss_warnings(scene, world)]
     ends = (float(disparity.min()), float(disparity.max())) if seen.size else (0.0, 0.0)
     span = (ends[0] - round(mean), ends[1] - round(mean))
     messages += _registration_warnings(scene, ends, mean)
