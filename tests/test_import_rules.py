@@ -56,7 +56,7 @@ MAY_IMPORT = {
     "random_streams": set(),
     "progress": set(),
     "settings": {"validated_model"},
-    "schema": {"errors", "indexing", "lazy_exports", "progress", "plain_data"},
+    "schema": {"errors", "indexing", "lazy_exports", "number_format", "progress", "plain_data"},
     "camera": LEAVES,
     "scene": {*LEAVES, "camera", "estimators"},
     "raycast": {*LEAVES, "camera"},
