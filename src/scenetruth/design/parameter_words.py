@@ -91,7 +91,7 @@ def title_parameters(paths: Sequence[str]) -> dict[str, str]:
 def describe_parameter(path: str, value: Any, text: str | None = None, title: str | None = None) -> str:
     """Return a design variable and its value in words.
 
-    ``text``, ``title``: Text of the value, and title of the variable, instead of the defaults.
+    ``text``, ``title``: Text of the value, and title of the variable, in place of the defaults.
 
     >>> describe_parameter("f_number", 2.0), describe_parameter("stage.positions", 9)
     ('f-number 2', 'nine stage positions')

@@ -27,6 +27,7 @@ from scenetruth.design.optimisation import (
     compute_rig_interval,
     describe_rank_consistency,
     evaluate_rig,
+    find_indistinct,
     get_simulated_statistic,
     prepare_problem,
     reduce_scene,
@@ -246,6 +247,13 @@ def test_what_seeds_do_not_tell_is_told_so() -> None:
     lost = check_pair_rank(rig(1, 1.0, 1.0, math.nan, 1.0), rig(2, 1.2, math.nan, 2.0, 2.0), objective())
     assert (lost.seeds, lost.verdict) == (1, "undecided")
     assert math.isnan(lost.simulated)
+
+
+def test_rigs_that_seeds_do_not_distinguish_are_found() -> None:
+    best, near, far = rig(1, 1.0, 1.0, 1.1, 0.9), rig(2, 1.02, 1.1, 0.9, 1.0), rig(3, 2.0, 2.0, 2.2, 1.8)
+    assert find_indistinct(best, [far, near, best], [objective()]) == [near, best]
+    # One seed decides nothing, and distinguishes nothing: the order of the values stays.
+    assert find_indistinct(best, [best, rig(4, 1.0, 1.0)], [objective()]) == [best]
 
 
 def test_one_pair_of_twenty_like_rigs_is_told_apart_by_chance() -> None:

@@ -406,4 +406,14 @@ def check_pair_rank(one: RigDesign, other: RigDesign, objective: Objective) -> R
     return RankConsistency(title, better.number, worse.number, predicted, factor, low, high, len(logs), verdict)
 
 
+def find_indistinct(best: RigDesign, rigs: Sequence[RigDesign], objectives: Sequence[Objective]) -> list[RigDesign]:
+    """Return a rig and those whose simulations differ from its own in no objective beyond the scatter of seeds."""
+    found = []
+    for one in rigs:
+        pairs = [check_pair_rank(best, one, objective) for objective in objectives]
+        if one is best or all(pair.verdict == _UNDECIDED and math.isfinite(pair.simulated) for pair in pairs):
+            found.append(one)
+    return found
+
+
 _UNDECIDED = "undecided"

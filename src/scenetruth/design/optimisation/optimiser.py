@@ -14,8 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.design.optimisation.choice_descents import descend_from_choices
-from scenetruth.design.optimisation.confirmation import ConfirmationResult, check_rank_consistency, simulate_candidates
-from scenetruth.design.optimisation.design_records import Discrepancy, RigDesign, Sensitivity, decide_rig_target
+from scenetruth.design.optimisation.confirmation import (
+    ConfirmationResult,
+    check_rank_consistency,
+    find_indistinct,
+    simulate_candidates,
+)
+from scenetruth.design.optimisation.design_records import (
+    Discrepancy,
+    RigDesign,
+    Sensitivity,
+    compute_rig_interval,
+    decide_rig_target,
+)
 from scenetruth.design.optimisation.design_result import DesignResult
 from scenetruth.design.optimisation.design_search import (
     SensitivityResult,
@@ -291,12 +302,23 @@ class _Run:
         return np.log([[self.found[number].predicted[title] for title in titles] for number in numbers])
 
     def _recommended(self, rigs: list[RigDesign], simulated: ConfirmationResult) -> RigDesign:
-        """Return the best simulated rig, or the best predicted rig without valid simulations."""
+        """Return the best simulated rig, of those that seeds do not distinguish the one with the smallest RMSE.
+
+        Without valid simulations, return the best predicted rig.
+        """
         objectives = self.prepared.task.objectives
         values = [rig for rig in rigs if all(one.title in rig.simulated for one in objectives)]
         if values:
             figures = [{one.title: rig.simulated[one.title].value for one in objectives} for rig in values]
-            return values[select_recommended(figures, objectives)]
+            best = values[select_recommended(figures, objectives)]
+            # Seeds do not distinguish these: the rig with fewer outliers is recommended.
+            like = find_indistinct(best, values, objectives)
+            errors = [
+                {one.title: compute_rig_interval(rig, one.title, "rmse").value for one in objectives} for rig in like
+            ]
+            if all(math.isfinite(value) for each in errors for value in each.values()):
+                return like[select_recommended(errors, objectives)]
+            return best
         if simulated.rigs:
             self.say("no simulation has valid values of all objectives; the recommended rig is based on predictions")
         return rigs[select_recommended([rig.predicted for rig in rigs], objectives)]
