@@ -91,10 +91,15 @@ def test_the_error_at_the_longest_step_is_the_stated_error(number: int) -> None:
 def test_pixels_with_many_texels_are_within_the_stated_error(shortest_mm: float) -> None:
     texture = build_scene(noise_plane((shortest_mm, 30.0), (60, 80))).bodies[0].texture
     error, rng = 1e-4, np.random.default_rng(round(shortest_mm))
-    longest = compute_longest_steps([texture], error)[0, -1]
-    steps = compute_widest_steps(texture, error, longest)
+    limits = dict(zip(GAUSS_ORDERS, compute_longest_steps([texture], error)[0, 1:], strict=True))
+    steps = compute_widest_steps(texture, error, limits[4])
     assert (np.diff(steps) > 0).all()
-    assert steps[-1] > 1.5 * longest
+    assert steps[-1] > 1.5 * limits[8]
+    # Lines disregard the mean along the other axis, but have no margin for the number of footprints.
+    assert all(steps[WIDE_ORDERS.index(order)] > 0.8 * limits[order] for order in (6, 8))
+    # Up to a step, the same.
+    few = compute_widest_steps(texture, error, limits[4], steps[3])
+    np.testing.assert_array_equal(few, np.minimum(steps, steps[3]))
     rows, columns = texture.shape
     for step, order in zip(steps.tolist(), WIDE_ORDERS, strict=True):
         # Other places, orientations and shapes than those of the search, and samples on an even grid.

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 import scenetruth as st
 from scenetruth.camera import Viewpoint
 from scenetruth.render.adaptive_raycast import AdaptiveRenderer
+from scenetruth.render.footprint_rules import WIDE
 from scenetruth.render.raycast_backend import RaycastRenderer
-from scenetruth.render.stepped_light import errors_above
+from scenetruth.render.sampling_rules import GAUSS_ORDERS, WIDE_ORDERS, gauss_rule, square_rule
+from scenetruth.render.stepped_light import errors_above, step_errors
 from scenetruth.scene.built_scene import BuiltScene, build_scene
 from tests.helpers.blurred_edges import edge_normal
 from tests.helpers.faceted_surfaces import ball, relief, scene_of, world_of
@@ -214,3 +216,23 @@ def test_steps_of_light_are_the_mean_over_the_sides_of_faces_and_their_neighbour
         for face in range(30)
     ]
     np.testing.assert_allclose(face_steps(light, neighbours), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("order", [2, 3, 4, 5, 6, 7, 8])
+def test_errors_of_areas_are_those_of_lines_at_random(order: int) -> None:
+    rng = np.random.default_rng(order)
+    angle, distance = rng.uniform(0, 2 * np.pi, 4000), rng.uniform(-0.6, 0.6, 4000)
+    short, long = np.sort(np.abs([np.cos(angle), np.sin(angle)]), axis=0)
+
+    def ramp(shift: Any) -> Any:
+        return np.maximum(distance + shift, 0) ** 2 / 2
+
+    # A unit square is cut by a line: the convolution of two boxes, integrated.
+    half, rest = (long + short) / 2, (long - short) / 2
+    exact = (ramp(half) - ramp(rest) - ramp(-rest) + ramp(-half)) / (long * short)
+    offsets, weights = square_rule(*gauss_rule(order))
+    found = (offsets @ [np.cos(angle), np.sin(angle)] < distance).T @ weights
+    rules = [1 + GAUSS_ORDERS.index(order)] if order in GAUSS_ORDERS else []
+    rules += [WIDE + WIDE_ORDERS.index(order)] if order in WIDE_ORDERS else []
+    for rule in rules:
+        assert np.sqrt(np.mean((found - exact) ** 2)) == pytest.approx(step_errors()[rule], rel=0.1)

@@ -33,8 +33,15 @@ from scenetruth.render.footprint_rules import (
     gauss_tables,
 )
 from scenetruth.render.raycast_backend import RayView, RepeatingRayCaster, visible_uv
-from scenetruth.render.sampling_rules import FILTER_TAPS, WIDE_ORDERS, compute_widest_steps, lattice_rule, step_indices
-from scenetruth.render.stepped_light import STEP_ERRORS, SteppedLightRenderer, errors_above
+from scenetruth.render.sampling_rules import (
+    FILTER_TAPS,
+    GAUSS_ORDERS,
+    WIDE_ORDERS,
+    compute_widest_steps,
+    lattice_rule,
+    step_indices,
+)
+from scenetruth.render.stepped_light import SteppedLightRenderer, errors_above, step_errors
 from scenetruth.scene.texture import SurfaceTexture, TintedTexture
 
 __all__ = ["AdaptiveRenderer"]
@@ -46,6 +53,7 @@ _AREA_ERROR = 0.25  # the same by n x n Gauss points, times n^1.4, as `stepped_l
 _EDGES_CUT = 3  # edges between facets in a mixed pixel, on average
 _EVERY = 4  # rows and columns from one to the next of the pixels of which the error of an image is determined
 _FEW_LOWERED = 0.1  # fraction of the pixels up to which no coarser rules are chosen, because the choice takes longer
+_MANY_ORDER = 7  # Gauss points per pixel along each axis from which areas are fine enough without cuts
 _LEAST_ORDER = 2  # Gauss points per pixel along each axis in mixed pixels
 _FINE_ORDER = 16  # Gauss points per pixel along each axis across shadows in mixed pixels
 
@@ -203,7 +211,7 @@ class AdaptiveRenderer(SteppedLightRenderer):
             pixels, lower = pixels[short], lower[short]
             if by_lamp is not None:
                 light = self._light_errors(view, by_lamp)[view.rays.face[pixels]]
-                fine = light * STEP_ERRORS[lower] ** 2 <= self._image_error**2
+                fine = light * step_errors()[lower] ** 2 <= self._image_error**2
                 pixels, lower = pixels[fine], lower[fine]
             return pixels, lower
 
@@ -236,19 +244,19 @@ class AdaptiveRenderer(SteppedLightRenderer):
         """Change the rules for textures without an end of their spectrum, by the bends of the texture in each pixel."""
         from scenetruth.render.pixel_filter_kernels import NO_RULE, texture_ranges
 
-        fine = np.flatnonzero(rules == FINE)
+        fine, large = np.flatnonzero(rules == FINE), np.flatnonzero((rules == FINE - 1) | (rules == FINE - 2))
         alone = np.flatnonzero(rules == FINE - 1)
         alone = alone[np.isinf(steps[alone])]
         rules[fine] = FINE + 1
-        fine = fine[steps[fine] < np.inf]
+        fine, large = fine[steps[fine] < np.inf], large[steps[large] < np.inf]
         for index, item in enumerate(self._world.bodies):
             tinted = item.texture if isinstance(item.texture, TintedTexture) else TintedTexture(item.texture, 1.0)
             factor = max(tinted.factor, 1.0)
             if item.texture.cubic:
                 rules[alone[body[alone] == index]] = ALONE
-                every = fine[body[fine] == index]
+                every = np.concatenate([fine[body[fine] == index], large[body[large] == index]])
                 if len(every):
-                    self._choose_wide(rules, steps, every, tinted.untinted, factor, float(self._longest[index, -1]))
+                    self._choose_wide(rules, steps, every, tinted.untinted, factor, float(self._longest[index, -3]))
                 continue
             every = np.flatnonzero((body == index) & (rules != NO_RULE))
             bends = block_bends(tinted.untinted)
@@ -272,9 +280,12 @@ class AdaptiveRenderer(SteppedLightRenderer):
         factor: float, least: float,
     ) -> None:  # fmt: skip
         """Change the rules of pixels with many texels of a texture."""
-        limits = compute_widest_steps(texture, self._image_error / factor, least)
+        limits = compute_widest_steps(texture, self._image_error / factor, least, float(steps[pixels].max()))
+        orders = np.full(FINE + 2, np.inf)
+        orders[1:FINE] = GAUSS_ORDERS
+        before = orders[rules[pixels]]
         for number, limit in reversed(list(enumerate(limits.tolist(), start=WIDE))):
-            rules[pixels[steps[pixels] <= limit]] = number
+            rules[pixels[(steps[pixels] <= limit) & (before > WIDE_ORDERS[number - WIDE])]] = number
 
     def _kinks(self, view: RayView) -> NDArray[np.bool_]:
         """Return the pixels next to another face of a surface that is shaded flat, unless both are parallel."""
@@ -332,7 +343,7 @@ class AdaptiveRenderer(SteppedLightRenderer):
 
         error, count, faces = self._image_error, len(cut.pixels), len(view.mesh.faces)
         # Pixels with many texels have enough samples for areas without cuts.
-        areas = np.where(cut.orders >= WIDE_ORDERS[0], _AREA_ERROR * cut.orders.astype(np.float64) ** -1.4, _CUT_ERROR)
+        areas = np.where(cut.orders >= _MANY_ORDER, _AREA_ERROR * cut.orders.astype(np.float64) ** -1.4, _CUT_ERROR)
         surface, bent = int(np.count_nonzero(view.body >= 0)), self._kinked(view.caster)
         number = np.full(len(canvas.image), -1, dtype=np.int64)
         number[cut.pixels] = np.arange(count)

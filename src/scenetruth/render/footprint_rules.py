@@ -82,7 +82,9 @@ def cell_orders() -> NDArray[np.uint8]:
     orders[:FINE] = 2, 2, 2, 3, 4, 4
     # Lattices serve textures whose waves are too short for any of the orders inside surfaces as well.
     orders[FINE : FINE + 2] = WIDE_ORDERS[-1]
-    orders[WIDE:ALONE] = np.minimum(np.array(WIDE_ORDERS) + 2, WIDE_ORDERS[-1])
+    wide = np.array(WIDE_ORDERS)
+    # The step from pixels with few to those with many texels is gradual.
+    orders[WIDE:ALONE] = np.minimum(wide + np.clip(wide - 6, -1, 1) + 1, WIDE_ORDERS[-1])
     # Pixels around them may contain fewer texels.
     orders[ALONE] = orders[FINE - 1]
     # Pixels without a surface, and mixed pixels.

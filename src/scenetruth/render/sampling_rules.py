@@ -112,7 +112,7 @@ GAUSS_ORDERS = (2, 3, 4, 6, 8)
 """Orders n of the rules of n x n Gauss points, from the cheapest."""
 
 
-WIDE_ORDERS = (8, 12, 16)
+WIDE_ORDERS = (5, 6, 7, 8, 9, 10, 12, 14, 16)
 """Orders of further Gauss rules, for pixels that contain many texels."""
 
 
@@ -145,10 +145,13 @@ def _squared_errors() -> Floats:
 
 
 class _Steps(NamedTuple):
-    """Results for a texture: errors of the rules, see `compute_rule_errors`; and steps of `compute_widest_steps`."""
+    """Results for a texture: errors of the rules, see `compute_rule_errors`; and which of `WIDE_ORDERS` suffice.
+
+    ``within``: By error and first step, for the steps tried so far.
+    """
 
     errors: list[Floats]
-    widest: dict[float, Floats]
+    within: dict[tuple[float, float], dict[int, NDArray[np.bool_]]]
 
 
 _THIN = 4999  # one texel of as many distinguishes textures
@@ -257,30 +260,26 @@ def _rule_errors(texture: SurfaceTexture) -> Floats:
 _FOOTPRINTS = 24  # footprints on which rules are compared, of each shape
 _SHAPES = (1.0, 4.0)  # their ratios of length and width
 _REFERENCE = 20  # order of the rule with which the others are compared
-_TRIED = 2.0 ** (np.arange(10) / 3)  # steps that are tried, relative to the first
+_TRIED = 2.0 ** (np.arange(25) / 6)  # steps that are tried, relative to the first
 _SAFETY = 1.5  # factor of the error, because the footprints are few
 
 
-def compute_widest_steps(texture: SurfaceTexture, error: float, least: float) -> Floats:
+def compute_widest_steps(texture: SurfaceTexture, error: float, least: float, most: float = np.inf) -> Floats:
     """Return the longest steps of a texture, in texels, for which the rules of `WIDE_ORDERS` are within an RMS error.
 
     Means over footprints of several shapes and all orientations are compared with those by a finer rule. The lines of
     `compute_longest_steps` would require more points, because they disregard the mean along the other axis of a pixel.
 
-    ``least``: Step from which these rules are wanted.
+    ``least``: Step from which these rules are wanted. ``most``: Longest step that matters.
     """
-    known = _steps_of(texture).widest
-    if error not in known:
-        known[error] = _widest_steps(texture, error / _SAFETY, least)
-    return known[error]
-
-
-def _widest_steps(texture: SurfaceTexture, error: float, least: float) -> Floats:
-    found, within = np.zeros(len(WIDE_ORDERS)), np.ones(len(WIDE_ORDERS), dtype=np.bool_)
-    for step in least * _TRIED if 0 < least < np.inf else ():
-        within &= _rule_differences(texture, float(step)) <= error
-        found[within] = step
-        if not within[-1]:
+    found = np.zeros(len(WIDE_ORDERS))
+    known = _steps_of(texture).within.setdefault((error, least), {})
+    for number, step in enumerate(least * _TRIED if 0 < least < np.inf else ()):
+        if number not in known:
+            within = _rule_differences(texture, float(step)) <= error / _SAFETY
+            known[number] = within & known[number - 1] if number else within
+        found[known[number]] = step
+        if step >= most or not known[number][-1]:
             break
     return found
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,14 +11,15 @@ from numpy.typing import NDArray
 from scenetruth.raycast import Hits
 from scenetruth.render.border_areas import grid_offsets, measure_areas
 from scenetruth.render.footprint_averages import EXACT, SAMPLES_PER_PIECE, FootprintRenderer, ImageCanvas
-from scenetruth.render.footprint_rules import FINE, raster_of
+from scenetruth.render.footprint_rules import FINE, WIDE, raster_of
 from scenetruth.render.raycast_backend import RayView
+from scenetruth.render.sampling_rules import WIDE_ORDERS
 from scenetruth.render.shading import Arrived
 
-__all__ = ["STEP_ERRORS", "SteppedLightRenderer", "errors_above"]
+__all__ = ["SteppedLightRenderer", "errors_above", "step_errors"]
 
-STEP_ERRORS = np.array([np.nan, 0.090, 0.053, 0.037, 0.021, 0.014])
-"""RMS error of the area on one side of a line across a pixel, at random places and angles, by each of `all_rules`."""
+_STEP_ERRORS = (np.nan, 0.090, 0.053, 0.037, 0.021, 0.014)  # of the filter, and of 2 x 2 to 8 x 8 Gauss points
+_WIDE_STEP_ERRORS = {5: 0.027, 6: 0.021, 7: 0.017}  # of those of `WIDE_ORDERS` with fewer points
 _LARGEST = 5  # error of a pixel relative to the RMS error of an image
 _FINEST = 5  # the last Gauss rule
 _FEW_FACES = 6  # facets in a pixel up to which borders between them are followed
@@ -41,6 +43,19 @@ def errors_above(squares: NDArray[np.float64], error: float, count: int) -> NDAr
     if kept < len(ascending):
         limit = min(limit, float(ascending[kept - 1]) if kept else float(squares[small].max(initial=-1.0)))
     return np.asarray(squares > limit)
+
+
+@lru_cache(maxsize=1)
+def step_errors() -> NDArray[np.float64]:
+    """Return the errors of the area on one side of a line across a pixel by the rules, shape (256,).
+
+    RMS at random places and angles; of the rules with many samples, an upper limit.
+    """
+    errors = np.full(256, _STEP_ERRORS[-1])
+    errors[: len(_STEP_ERRORS)] = _STEP_ERRORS
+    for number, order in enumerate(WIDE_ORDERS, start=WIDE):
+        errors[number] = _WIDE_STEP_ERRORS.get(order, errors[number])
+    return errors
 
 
 def _grown(pixels: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -120,7 +135,7 @@ class SteppedLightRenderer(FootprintRenderer):
             bent = self._kinked(view.caster)
             neighbours = view.mesh.neighbours
             return np.asarray(coarse & (bent | ((neighbours >= 0) & bent[neighbours]).any(axis=1))[face])
-        errors = self._light_errors(view, canvas.by_lamp)[face] * STEP_ERRORS[np.minimum(rule, _FINEST)] ** 2
+        errors = self._light_errors(view, canvas.by_lamp)[face] * step_errors()[rule] ** 2
         exact = [not item.texture.cubic and raster_of(item.texture) is not None for item in self._world.bodies]
         if any(exact):
             # Together with facets, these textures are exact.
@@ -177,7 +192,8 @@ class SteppedLightRenderer(FootprintRenderer):
         divided[parts.owner[tested[hits.face != parts.face[tested]]]] = False
         # Pixels that cannot be divided show many facets, or other bodies that protrude.
         undivided = pixels[~divided]
-        rules.ravel()[undivided] = np.maximum(rules.ravel()[undivided], _FINEST)
+        coarse = step_errors()[rules.ravel()[undivided]] > _STEP_ERRORS[_FINEST]
+        rules.ravel()[undivided[coarse]] = _FINEST
         divided &= np.bincount(parts.owner, minlength=len(pixels)) > 1
         some = divided[parts.owner]
         owner, own, face = (np.cumsum(divided) - 1)[parts.owner[some]], own[some], parts.face[some]
