@@ -51,6 +51,7 @@ def test_a_page_is_one_file_in_which_no_word_acts() -> None:
         "seeds": 1,
         "values": [],
         "again": "",
+        "titles": {"camera.width": HOSTILE},
         "best": [[HOSTILE, "2"]],
         "best_columns": ["a", HOSTILE],
     }

@@ -327,4 +327,5 @@ def test_table_of_the_strip_is_checked_before_any_image(with_strip: StripCapture
     (copy / "strip.csv").write_text("x_mm,y_mm\n1,2\n", encoding="utf-8")
     with pytest.raises(CaptureError, match=r"strip\.file: lacks the columns z_mm"):
         calibrate_capture(copy)
-    assert open_capture(copy).capture.strip is not None
+    with pytest.raises(CaptureError, match=r"strip\.file: lacks the columns z_mm"):
+        open_capture(copy)

@@ -144,7 +144,7 @@ def test_files_that_are_no_scene(tmp_path: Path, text: str, message: str) -> Non
 
 
 def test_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(st.SceneError, match=r"nothing\.yaml.*\n.*cannot be read"):
+    with pytest.raises(st.SceneError, match=r"nothing\.yaml.*\n.*no such file; specify"):
         st.load_scene(tmp_path / "nothing.yaml")
 
 

@@ -98,7 +98,7 @@ class PredictedValue:
     >>> prediction = st.predict(plain | {"sensor": {"noise_std": 0.01}}, method="refined")
     >>> figure = prediction.precision("growth_rate", "object_sheet")
     >>> f"{figure.signal_value:.2f} {figure.value_unit}, standard deviation {figure.value:.2f} per pixel"
-    '2.00 %/h, standard deviation 0.20 per pixel'
+    '2.00 %/h, standard deviation 0.21 per pixel'
     >>> f"{figure.signal:.5f} {figure.unit}, {figure.signal_to_noise:.0f} standard deviations"
     '0.00333 1/frame, 10 standard deviations'
     """
@@ -251,8 +251,8 @@ class Prediction(Result):
     >>> for quantity in ("depth", "velocity_x", "velocity_z"):
     ...     figure = prediction.precision(quantity, "interior")
     ...     print(f"{quantity}: {figure.value:.1g} {figure.value_unit}")
-    depth: 0.04 mm
-    velocity_x: 0.0007 mm/frame
+    depth: 0.05 mm
+    velocity_x: 0.0008 mm/frame
     velocity_z: 0.03 mm/frame
     >>> prediction.to_dataframe().columns[:5].tolist()
     ['region', 'quantity', 'std', 'unit', 'signal']

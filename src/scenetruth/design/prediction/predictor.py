@@ -257,7 +257,7 @@ def predict(
     >>> prediction = predict(plain, method="refined")
     >>> depth = prediction.precision("depth", "all")
     >>> f"{depth.value:.2f} {depth.value_unit}"
-    '0.04 mm'
+    '0.05 mm'
     """
     if model not in ("analytic", "maps"):
         raise ArgumentError([Problem("model", "must be analytic or maps", model)])
@@ -329,7 +329,7 @@ def recommend(
     >>> plain |= {"stage": {"positions": 5, "baseline_mm": 5}, "sensor": {"noise_std": 0.01}}
     >>> scene = Scene.from_dict(plain | {"frames": {"count": 5, "frame_interval_s": 60}})
     >>> print(*recommend(scene, predict(scene, method="refined"), growth_alone=True))
-    growth of 'sheet' is 0.033 % per frame at a precision of 0.033 % per pixel: raise frames.frame_interval_s to 120
+    growth of 'sheet' is 0.033 % per frame at a precision of 0.035 % per pixel: raise frames.frame_interval_s to 130
     >>> slower = Scene.from_dict(plain | {"frames": {"count": 5, "frame_interval_s": 120}})
     >>> recommend(slower, predict(slower, method="refined"), growth_alone=True)
     []
