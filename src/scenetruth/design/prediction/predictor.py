@@ -330,7 +330,7 @@ def recommend(
     >>> scene = Scene.from_dict(plain | {"frames": {"count": 5, "frame_interval_s": 60}})
     >>> print(*recommend(scene, predict(scene, method="refined"), growth_alone=True))
     growth of 'sheet' is 0.033 % per frame at a precision of 0.035 % per pixel: raise frames.frame_interval_s to 130
-    >>> slower = Scene.from_dict(plain | {"frames": {"count": 5, "frame_interval_s": 120}})
+    >>> slower = Scene.from_dict(plain | {"frames": {"count": 5, "frame_interval_s": 130}})
     >>> recommend(slower, predict(slower, method="refined"), growth_alone=True)
     []
     """
