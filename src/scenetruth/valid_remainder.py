@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, TypeVar
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Generic, TypeVar
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from scenetruth.errors import Problem
+from scenetruth.errors import CaptureError, Problem, RecipeError
 from scenetruth.validation_problems import Words, keys_in, list_problems
 
-__all__ = ["FieldRepair", "Keys", "Repair", "copied", "find_hidden_errors", "is_item", "read_model"]
+__all__ = ["FieldRepair", "Keys", "Reading", "Repair", "copied", "find_hidden_errors", "is_item", "read_model"]
 
 Keys = Sequence[str]
 """Path as keys of mappings and indices of lists."""
@@ -158,6 +160,28 @@ class FieldRepair(Repair):
         self._indices.pop(name, None)
         if name in self.required:
             self.plain[name] = copied(self.required[name])
+
+
+@dataclass(frozen=True, eq=False)
+class Reading(Generic[M]):
+    """An input with its problems; with problems of its fields, its valid remainder.
+
+    ``valid_part``: The input, or its valid remainder; None if there is none.
+    ``repair``: Paths of the fields with errors, and the indices of lists.
+    """
+
+    refused: ClassVar[type[RecipeError] | type[CaptureError]]
+
+    valid_part: M | None
+    problems: tuple[Problem, ...]
+    repair: FieldRepair
+    source: str | Path | None = None
+
+    def required(self) -> M:
+        """Return the input, or raise an error with all problems."""
+        if self.valid_part is None or self.problems:
+            raise self.refused(self.problems, source=self.source)
+        return self.valid_part
 
 
 def read_model(

@@ -63,9 +63,9 @@ def test_every_chart_is_drawn_and_tells_which_rig_a_point_is(page: Any) -> None:
     box = point.bounding_box()
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.wait_for_selector(".hoverlayer .hovertext")
-    told = page.locator(".hoverlayer .hovertext").text_content()
-    assert "Rig 642" in told
-    assert "baseline 16 mm" in told
+    text = page.locator(".hoverlayer .hovertext").text_content()
+    assert "Rig 642" in text
+    assert "baseline 16 mm" in text
 
 
 def test_simulations_have_bars_both_ways(page: Any) -> None:

@@ -47,12 +47,12 @@ def test_a_file_of_that_name_beside_the_recipe_comes_first(tmp_path: Path) -> No
 def test_names_of_nothing_are_told_with_all_else(tmp_path: Path) -> None:
     with pytest.raises(st.RecipeError) as caught:
         st.load_recipe(written(tmp_path, base=["rosette", "rosete", "cube.yaml"], samples=0)).sampler()
-    told = str(caught.value)
-    assert "base.1: no such file or bundled scene; did you mean 'rosette'?" in told
-    assert "base.2: no such file" in told
-    assert "use the bundled scene by name: cube" in told
-    assert "base.0" not in told
-    assert "samples: " in told
+    text = str(caught.value)
+    assert "base.1: no such file or bundled scene; did you mean 'rosette'?" in text
+    assert "base.2: no such file" in text
+    assert "use the bundled scene by name: cube" in text
+    assert "base.0" not in text
+    assert "samples: " in text
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -27,7 +27,7 @@ from scenetruth.errors import CaptureError, Problem
 from scenetruth.input_files import InputFile, validation_context
 from scenetruth.plain_data import plain_problems
 from scenetruth.scene import Overrides, join_override_problems, override, read_input
-from scenetruth.valid_remainder import FieldRepair, Keys, copied, read_model
+from scenetruth.valid_remainder import FieldRepair, Keys, Reading, copied, read_model
 from scenetruth.validated_model import Finite, FrozenModel, NonNegative, Positive
 
 __all__ = [
@@ -324,23 +324,10 @@ class Capture(FrozenModel):
         return _validated(values, source, folder).required()
 
 
-@dataclass(frozen=True, eq=False)
-class CaptureReading:
-    """A capture with its problems; with problems of its fields, its valid remainder.
+class CaptureReading(Reading[Capture]):
+    """A capture with its problems."""
 
-    ``repair``: Paths of the fields with errors.
-    """
-
-    capture: Capture | None
-    problems: tuple[Problem, ...]
-    repair: FieldRepair
-    source: str | Path | None = None
-
-    def required(self) -> Capture:
-        """Return the capture, or raise an error with all problems."""
-        if self.capture is None or self.problems:
-            raise CaptureError(self.problems, self.source)
-        return self.capture
+    refused = CaptureError
 
 
 _STEPS = ("positions", "positions_mm", "baseline_mm")

@@ -296,14 +296,14 @@ def measurement_hash(images: ImageSeries) -> str:
 def load_checked_capture(capture: CaptureLike) -> Capture:
     """Load a capture as `load_capture` does; the error of an invalid one also lists the problems of its files."""
     reading = read_capture(capture)
-    if reading.problems and reading.capture is not None:
+    if reading.problems and reading.valid_part is not None:
         raise CaptureError([*reading.problems, *_find_file_problems(reading)], source=reading.source)
     return reading.required()
 
 
 def _find_file_problems(reading: CaptureReading) -> list[Problem]:
     """Return the problems of the files that the valid fields of an invalid capture name."""
-    capture, is_wrong = reading.capture, reading.repair.is_wrong
+    capture, is_wrong = reading.valid_part, reading.repair.is_wrong
     assert capture is not None
     problems = _table_problems(capture)
     try:

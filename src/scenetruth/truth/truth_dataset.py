@@ -361,7 +361,7 @@ def fill_truth(
     return work.warnings
 
 
-_RELEASED_BYTES = 1 << 24  # size of maps whose memory is returned, because they are kept among arrays of later images
+_RELEASED_BYTES = 1 << 26  # size of maps whose memory is returned, because they are kept among arrays of later images
 _MOST_AT_ONCE = 1 << 20  # pixels and faces of tasks at a time, which limits their memory
 
 

@@ -64,7 +64,7 @@ def prepare_problem(spec: DesignSpec) -> OptimisationProblem:
 def load_problem(specification: DesignSpecLike, *, overrides: Overrides = ()) -> tuple[DesignSpec, OptimisationProblem]:
     """Return a design specification and its optimisation problem; raise an error with the problems of both."""
     reading = read_design_spec(specification, overrides=overrides)
-    if reading.spec is None or not reading.problems:
+    if reading.valid_part is None or not reading.problems:
         return reading.required(), _Setup(reading).required()
     raise DesignSpecError([*reading.problems, *_Setup(reading).problems], source=reading.source)
 
@@ -73,7 +73,7 @@ class _Setup:
     """Set-up of the problem of a specification, or of the valid remainder of one with problems."""
 
     def __init__(self, reading: DesignReading) -> None:
-        spec, self.repair = reading.spec, reading.repair
+        spec, self.repair = reading.valid_part, reading.repair
         assert spec is not None
         self.spec, self.is_whole = spec, not reading.problems
         self.problems: list[Problem] = []

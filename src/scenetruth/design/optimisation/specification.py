@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
@@ -19,7 +19,7 @@ from scenetruth.input_files import InputFile, SceneFile, validation_context
 from scenetruth.plain_data import plain_problems
 from scenetruth.scene import Overrides, join_override_problems, override, read_input
 from scenetruth.scoring import QUANTITIES
-from scenetruth.valid_remainder import FieldRepair, Keys, read_model
+from scenetruth.valid_remainder import FieldRepair, Keys, Reading, read_model
 from scenetruth.validated_model import Finite, FrozenModel, Name, Positive
 from scenetruth.validation_problems import suggest_word
 
@@ -273,23 +273,10 @@ class DesignSpec(FrozenModel):
         return _validated(values, source, folder).required()
 
 
-@dataclass(frozen=True, eq=False)
-class DesignReading:
-    """A design specification with its problems; with problems of its fields, its valid remainder.
+class DesignReading(Reading[DesignSpec]):
+    """A design specification with its problems."""
 
-    ``repair``: Paths of the fields with errors, and the indices of lists.
-    """
-
-    spec: DesignSpec | None
-    problems: tuple[Problem, ...]
-    repair: FieldRepair
-    source: str | Path | None = None
-
-    def required(self) -> DesignSpec:
-        """Return the specification, or raise an error with all problems."""
-        if self.spec is None or self.problems:
-            raise DesignSpecError(self.problems, source=self.source)
-        return self.spec
+    refused = DesignSpecError
 
 
 class _DesignRepair(FieldRepair):

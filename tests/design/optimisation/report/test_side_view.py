@@ -113,12 +113,12 @@ def test_the_view_is_that_of_the_scene(view: SideView) -> None:
 
 
 def test_words_tell_the_same(view: SideView) -> None:
-    told = describe_side_view(view)
-    assert "5 camera positions over 32 mm along X" in told
+    text = describe_side_view(view)
+    assert "5 camera positions over 32 mm along X" in text
     middle = view.seen_mm[1]
     width, height = view.field_mm(middle)
-    assert f"field of view {width:.1f} x {height:.1f} mm at {middle:.0f} mm, of which all positions see" in told
-    assert "blur under 0.8 px from 595 to 637 mm" in told
+    assert f"field of view {width:.1f} x {height:.1f} mm at {middle:.0f} mm, of which all positions see" in text
+    assert "blur under 0.8 px from 595 to 637 mm" in text
 
 
 def corners_of(svg: str, kind: str) -> list[np.ndarray]:
