@@ -120,6 +120,15 @@ def test_main_figures_have_all_digits_however_narrow_the_terminal(
     assert ("7.89 %" in told) is ("91.8 %" in told) is shares
 
 
+def test_large_errors_are_factors_without_exponents(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    depth = {"rmse": 12345.6, "median_abs_error": 1234.0, "relative_rmse": 10.2, "density": 1.0}
+    print_main_figures(Score({"all": {"depth": depth}, "interior": {"depth": depth}}), "refined")
+    assert re.search(r"Depth\s+│\s+12300 │\s+1230 │ mm\s+│\s+10 times │\s+100 %", capsys.readouterr().out)
+
+
 @pytest.mark.parametrize("ends", ["with the first task", "without a task", "with an error"])
 def test_garbage_is_collected_as_usual_once_libraries_are_loaded(ends: str) -> None:
     before, usual = gc.get_threshold(), (700, 10, 10)

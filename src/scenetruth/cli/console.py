@@ -31,6 +31,7 @@ from rich.progress import (
 from scenetruth.cli.messages import Verbosity, verbosity
 from scenetruth.compilation import announced_compilation, check_environment
 from scenetruth.errors import CaptureWarning, EstimateWarning, ScenetruthError, SceneWarning, visible
+from scenetruth.number_format import format_number, format_share
 from scenetruth.progress import LOGGER
 
 if TYPE_CHECKING:
@@ -367,7 +368,7 @@ def print_score(scored: Score, method: str = "", region: str = "interior") -> No
         table.add_column(name, justify="right")
     for quantity in select_summary_quantities(scored.regions, grows=scored.grows):
         cells = [scored.regions[region][quantity].get(name) for name in headings]
-        table.add_row(quantity, get_units(quantity), *("–" if value is None else f"{value:.3g}" for value in cells))
+        table.add_row(quantity, get_units(quantity), *(format_number(value) for value in cells))
     make_console().print(table)
     _print_common(scored, region)
     _print_regions(scored)
@@ -381,7 +382,7 @@ def _print_common(scored: Score, region: str) -> None:
     for quantity in select_summary_quantities(scored.regions, grows=scored.grows):
         values = [scored.regions[region][quantity].get(name) for name in COMMON_STATISTICS]
         if any(value is not None for value in values):
-            of_mean, of_rest = ("–" if value is None else f"{value:.3g}" for value in values)
+            of_mean, of_rest = (format_number(value) for value in values)
             make_console().print(
                 f"{quantity}: bias {of_mean} times the stated standard deviation of the mean; without the common part, "
                 f"RMS of z {of_rest}"
@@ -423,8 +424,8 @@ def print_main_figures(scored: Score, method: str) -> None:
         rms, median, relative, density = (
             interior[name].get(key) for key in ("rmse", "median_abs_error", "relative_rmse", "density")
         )
-        shares = ("–" if value is None else f"{100 * value:.3g} %" for value in (relative, density))
-        values = ("–" if value is None else f"{value:.3g}" for value in (rms, median))
+        shares = ("–" if value is None else format_share(value) for value in (relative, density))
+        values = (format_number(value) for value in (rms, median))
         table.add_row(get_title(name), *[*values, get_units(name), *shares][: len(headings)])
     make_console().print(table)
 
@@ -457,7 +458,5 @@ def _print_regions(scored: Score) -> None:
         if not count:
             continue
         cells = [density, *(quantities[name]["rmse"] for name in names)]
-        table.add_row(
-            visible(region, lines=False), f"{count:,}", *("–" if value is None else f"{value:.3g}" for value in cells)
-        )
+        table.add_row(visible(region, lines=False), f"{count:,}", *(format_number(value) for value in cells))
     make_console().print(table)

@@ -8,6 +8,7 @@ import typer
 
 from scenetruth.cli import design_options, options
 from scenetruth.cli.messages import print_wrote
+from scenetruth.number_format import UNDEFINED, format_interval, format_measured, format_number, format_two_digits
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -100,7 +101,6 @@ def _print_budget(found: Budget, region: str) -> None:
     from scenetruth.design.uncertainty.budget_report import SHOWN_QUANTITIES
     from scenetruth.design.uncertainty.uncertainty_budget import unit_text
     from scenetruth.errors import visible
-    from scenetruth.number_format import format_two_digits
     from scenetruth.scoring.quantities import get_title
 
     for quantity in (one for one in SHOWN_QUANTITIES if found.contributions(one, region)):
@@ -203,10 +203,10 @@ def precision_rows(prediction: Prediction, region: str) -> list[tuple[str, str, 
         if quantity in _LEFT_OUT:
             continue
         signal, ratio = figure.signal_value, figure.signal_to_noise
-        there = "" if signal is None else f"{signal:.3g}"
-        times = "" if ratio is None or not signal else f"{ratio:.3g}"
+        there = "" if signal is None else format_number(signal)
+        times = "" if ratio is None or not signal else format_number(ratio)
         unit = "" if figure.value_unit == "1" else f" {figure.value_unit}"
-        precision = f"{figure.value:.3g}{unit}" if figure.valid_fraction else "invalid"
+        precision = f"{format_number(figure.value)}{unit}" if figure.valid_fraction else "invalid"
         rows.append((TITLES[quantity], precision, there, times))
     return rows
 
@@ -219,7 +219,6 @@ def _print_prediction(prediction: Prediction, region: str) -> None:
 
     from scenetruth.cli.console import make_console
     from scenetruth.errors import visible
-    from scenetruth.number_format import format_two_digits
 
     causes = prediction.causes
     of = "minimum standard deviation" if prediction.method == "refined" else "standard deviation"
@@ -327,7 +326,6 @@ def _print_best(found: Sweep, region: str) -> None:
     from scenetruth.cli.console import make_console
     from scenetruth.design.sweeps.plot_model import choose_main_region, describe_place, list_plotted_quantities
     from scenetruth.errors import ArgumentError, Problem, visible
-    from scenetruth.number_format import UNDEFINED, format_interval, format_measured
     from scenetruth.scoring.quantities import get_title
 
     regions = {row.region for row in found.rows}

@@ -11,6 +11,7 @@ import typer
 from scenetruth.cli import design_options, options
 from scenetruth.cli.design_analysis import budget, predict, sweep
 from scenetruth.cli.messages import print_wrote
+from scenetruth.number_format import format_interval, format_number
 
 if TYPE_CHECKING:
     from scenetruth.capture import BoardKind
@@ -91,11 +92,11 @@ def _print_front(found: DesignResult) -> None:
         cells = [f"{rig.number}{mark}", *(format_parameter(rig.parameters[name]) for name in names)]
         for objective in found.objectives:
             entries = rig.simulated.get(objective.title)
-            cells.append(f"{rig.predicted[objective.title]:.3g}")
+            cells.append(format_number(rig.predicted[objective.title]))
             cells += (
                 ["–", "–"]
                 if entries is None
-                else [f"{entries.value:.3g}", f"{entries.pi_low:.3g} to {entries.pi_high:.3g}"]
+                else [format_number(entries.value), format_interval(entries.pi_low, entries.pi_high)]
             )
         table.add_row(*(visible(cell, lines=False) for cell in cells))
     make_console().print(table)
