@@ -427,6 +427,22 @@ def test_a_series_of_exposures_shows_the_response(sensor: dict[str, Any], expone
         assert report.mistakes("error", "warning") == []
 
 
+@nightly
+@pytest.mark.parametrize("bright", [False, True], ids=["linear", "square root"])
+def test_even_noise_is_distinguished_from_an_encoding(bright: bool, tmp_path: Path) -> None:
+    """Even noise may be added noise, or that of photons in square roots of the light: two exposures distinguish them."""
+    sensor = {"bit_depth": 12, "noise_std": 0.003}
+    folder = exposed(tmp_path, sensor, exposures=None, static=16, dark=4)
+    assert yaml.safe_load((folder / "capture.yaml").read_text())["files"]["exposure_times_s"] == [0.005, 0.01]
+    if bright:
+        # The light is the square of the values: the fall-off of one exposure is no multiple of the other's.
+        for file in (folder / "flat").glob("e0_*.tif"):
+            Image.fromarray(np.rint(read(file) * np.sqrt(2.0)).astype(np.uint16)).save(file)
+    report = check_capture(folder)
+    assert report.mistakes("error", "warning") == (["gamma"] if bright else [])
+    assert any("does not depend on the light" in str(each) for each in report.findings) is not bright
+
+
 @pytest.mark.parametrize("exposures", [(1.0, 0.5), (0.5, 0.5, 1.0), (0.5, 2.0), (0.0, 1.0)])
 def test_exposures_increase_and_contain_that_of_the_images(exposures: tuple[float, ...], tmp_path: Path) -> None:
     with pytest.raises(ArgumentError, match="exposures"):

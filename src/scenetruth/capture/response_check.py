@@ -67,7 +67,13 @@ def check_response(
     proportional = any(each.severity == "note" for each in found)
     encoded = edges is not None and edges.exponent < _ENCODED and edges.exponent + _SIGMAS * edges.std < _LINEAR_EDGES
     agreeing = [*fits, edges] if edges is not None and encoded else fits
-    if decisive is not None and decisive.linear is False:
+    if decisive is not None and proportional and abs(decisive.exponent - _OF_EVEN_NOISE) < _EVEN_NOISE:
+        message = (
+            f"the noise does not depend on the light (exponent {decisive.exponent:.2f} ± {decisive.std:.2f} of the "
+            "response if it were photon noise), and flat fields are proportional to it: noise that is added"
+        )
+        found.append(CaptureFinding("gamma", "note", message))
+    elif decisive is not None and decisive.linear is False:
         message = (
             f"the noise of frames at rest shows an exponent of {decisive.exponent:.2f} ± {decisive.std:.2f} of the "
             "response, which is 1 for linear values"
@@ -155,6 +161,7 @@ def _explains_dark(folder: CaptureFolder, fit: GammaFit) -> bool:
 
 
 _BLACK_SHARE = 0.3
+_OF_EVEN_NOISE, _EVEN_NOISE = 0.5, 0.03  # the exponent that makes photon noise even, and its tolerance
 _GAMMA_REMEDY = "switch off gamma in the camera (gamma 1), or state camera.encoding"
 
 

@@ -210,7 +210,7 @@ class _Writing:
 
     def _even(self, folder: str, start: str, first: int, radiance: float, count: int) -> list[_Image]:
         """Return the images of a uniform radiance, level after level."""
-        exposures = self.plan.settings.exposures
+        exposures = self.plan.exposures
         found = []
         for level, exposure in enumerate(exposures or (1.0,)):
             name = f"{folder}/e{level}_{start}" if exposures else f"{folder}/{start}"
@@ -414,10 +414,10 @@ def describe_capture(plan: CapturePlan) -> dict[str, Any]:
         board = settings.board.stated("json")
         found["board"] = {**board, "scale_std": settings.scale_std, "warp_mm": settings.warp_mm}
     files |= {name: f"{name}/*.{_SUFFIX}" for name in ("dark", "flat", "static") if getattr(settings, name)}
-    if settings.exposures:
+    if plan.exposures:
         files |= {name: f"{name}/e{{level}}_*.{_SUFFIX}" for name in ("dark", "flat") if getattr(settings, name)}
         files["exposure_times_s"] = [
-            float(f"{each * (plan.exposure_time_s or 1.0):.6g}") for each in settings.exposures
+            float(f"{each * (plan.exposure_time_s or 1.0):.6g}") for each in plan.exposures
         ]
     if plan.strip is not None:
         found["strip"] = {"file": _STRIP, "scale_std": settings.strip_scale_std}

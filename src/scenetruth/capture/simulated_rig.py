@@ -15,7 +15,7 @@ from pydantic import Field, ValidationError, field_validator
 from scipy.spatial.transform import Rotation
 
 from scenetruth.camera import Frames, Schedule, Stage, StagePose, Viewpoint, build_sensor_chain
-from scenetruth.camera.sensor import PhotonConversion
+from scenetruth.camera.sensor import GaussianSensor, PhotonConversion
 from scenetruth.capture.board_artwork import (
     BoardArtwork,
     BoardKind,
@@ -48,6 +48,7 @@ _EDGE_PX = 4.0
 _PAPER, _FLAT, _INK_SHARE, _BACKGROUND_SHARE = 0.8, 0.7, 0.06, 0.25
 _DATA_SHEET_STD = 0.005
 _EXPOSURE_S = 0.01  # stated for sensors that have no exposure time
+_TWO_EXPOSURES = (0.5, 1.0)
 _STRIP_POINTS, _LEAST_STRIP_POINTS, _STRIP_TURN_RAD, _STRIP_NEARER, _STRIP_DOT_PX = 17, 5, 5e-3, 0.02, 12.0
 
 
@@ -91,9 +92,10 @@ class CaptureSimulation(FrozenModel):
     """Number of images without light."""
     flat: Annotated[int, Field(ge=0, le=1000)] = 16
     """Number of images of a uniformly bright surface."""
-    exposures: Annotated[tuple[Annotated[float, Field(ge=0.01, le=100)], ...], Field(max_length=20)] = ()
+    exposures: Annotated[tuple[Annotated[float, Field(ge=0.01, le=100)], ...], Field(max_length=20)] | None = None
     """Exposure times of dark and flat images as multiples of that of all other images, increasing, with 1 among them;
-    ``dark`` and ``flat`` images at each. Empty: that of all other images."""
+    ``dark`` and ``flat`` images at each. Empty: that of all other images. Default: 0.5 and 1 if the noise of the sensor
+    does not depend on the light, which frames at rest cannot distinguish from an encoding of the values; else empty."""
     static: Annotated[int, Field(ge=0, le=1000)] = 4
     """Number of images of the objects at rest, from the reference camera at rest, for the noise."""
     strip: bool = False
@@ -110,7 +112,7 @@ class CaptureSimulation(FrozenModel):
 
     @field_validator("exposures")
     @classmethod
-    def _increasing(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+    def _increasing(cls, value: tuple[float, ...] | None) -> tuple[float, ...] | None:
         if value and (list(value) != sorted(set(value)) or 1.0 not in value):
             msg = "must increase, with 1 among them, the exposure of the images"
             raise ValueError(msg)
@@ -176,14 +178,22 @@ class CapturePlan:
     @property
     def flat_radiance(self) -> float:
         """Radiance of the uniformly bright surface; the longest exposure of it is not saturated."""
-        return _FLAT * _full_radiance(self.scene) / max((1.0, *self.settings.exposures))
+        return _FLAT * _full_radiance(self.scene) / max((1.0, *self.exposures))
+
+    @property
+    def exposures(self) -> tuple[float, ...]:
+        """Exposure times of dark and flat images as multiples of that of the images; empty for that of the images."""
+        if self.settings.exposures is not None:
+            return self.settings.exposures
+        sensor = self.scene.sensor
+        return _TWO_EXPOSURES if isinstance(sensor, GaussianSensor) and sensor.noise_std and self.settings.flat else ()
 
     @property
     def exposure_time_s(self) -> float | None:
         """Exposure time of the images; None if neither the sensor has one nor the capture several."""
         effects = build_sensor_chain(self.scene.sensor).effects
         stated = [effect.exposure_time_s for effect in effects if isinstance(effect, PhotonConversion)]
-        return stated[0] if stated else _EXPOSURE_S if self.settings.exposures else None
+        return stated[0] if stated else _EXPOSURE_S if self.exposures else None
 
     @property
     def strip_contrast(self) -> float:
