@@ -341,16 +341,20 @@ def _stated_start(folder: CaptureFolder, focal_length_px: float | None) -> RigGu
 
 
 def rig_priors(
-    folder: CaptureFolder, *, distortion: Sequence[str] | None = None, problems: list[Problem] | None = None
+    folder: CaptureFolder,
+    *,
+    distortion: Sequence[str] | None = None,
+    problems: list[Problem] | None = None,
+    announced: bool = True,
 ) -> RigPriors:
-    """Return the tolerances of a capture file as priors.
+    """Return the tolerances of a capture file as priors; ``announced``: state assumed tolerances to the user.
 
     Tolerances of the guide that are not stated are those of a screw stage. The direction of approach of board images is
     unknown for a bidirectional scan, so that half of the backlash adds to the repeatability.
     """
     stage = folder.capture.stage
     errors = stage.errors or StageErrors(preset="screw_stage")
-    if stage.errors is None:
+    if stage.errors is None and announced:
         say("stage.errors: not stated; the tolerances of a screw stage are assumed")
     repeatability = errors.repeatability_um
     if stage.scan == "bidirectional":

@@ -282,7 +282,7 @@ class _Run:
         if folder.board:
             problems += board_problems(folder, has_guess=self.guess is not None)
         start = start_values(folder, self.guess, self.std, problems)
-        rig_priors(folder, distortion=self.distortion, problems=problems)
+        rig_priors(folder, distortion=self.distortion, problems=problems, announced=False)
         if not folder.board and not problems and _focal_length(start) is None:
             message = "is missing: add images of a board, give the focal length, or import a calibration"
             problems.append(Problem("camera.focal_length_px", message))

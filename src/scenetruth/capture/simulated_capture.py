@@ -416,9 +416,7 @@ def describe_capture(plan: CapturePlan) -> dict[str, Any]:
     files |= {name: f"{name}/*.{_SUFFIX}" for name in ("dark", "flat", "static") if getattr(settings, name)}
     if plan.exposures:
         files |= {name: f"{name}/e{{level}}_*.{_SUFFIX}" for name in ("dark", "flat") if getattr(settings, name)}
-        files["exposure_times_s"] = [
-            float(f"{each * (plan.exposure_time_s or 1.0):.6g}") for each in plan.exposures
-        ]
+        files["exposure_times_s"] = [float(f"{each * (plan.exposure_time_s or 1.0):.6g}") for each in plan.exposures]
     if plan.strip is not None:
         found["strip"] = {"file": _STRIP, "scale_std": settings.strip_scale_std}
     return found
