@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["SHOWN_QUANTITIES", "WaterfallBar", "compute_bars", "make_waterfalls", "write_page", "write_waterfall"]
 
 
-SHOWN_QUANTITIES = ("depth", "velocity_x", "velocity_z", GROWTH)
+SHOWN_QUANTITIES = ("depth", "velocity_x", "velocity_y", "velocity_z", GROWTH)
 """Quantities with a chart."""
 COLOURS = {"images": "#0072B2", "stage": "#D55E00", "calibration": "#009E73", "surface": "#CC79A7"}
 """Colour-blind-safe colours by group of sources (M. Okabe and K. Ito, 2008)."""
@@ -197,9 +197,11 @@ tfoot td { color: var(--soft); }
 .answer { border-left: 4px solid var(--accent); padding: .1rem 0 .1rem .8rem; }
 .charts { grid-template-columns: 1fr; }
 .chart { min-height: 0; }
+.legend span { white-space: nowrap; margin-right: 1.2em; }
+.legend i { display: inline-block; width: .8em; height: .8em; margin-right: .4em; }
 {% endblock %}
 {% block header %}
-<h1>Uncertainty budget</h1>
+<h1>Uncertainty budget{{ ": " if found.scene }}{{ found.scene }}</h1>
 {% endblock %}
 {% block main %}
 {% for line in words %}
@@ -207,14 +209,18 @@ tfoot td { color: var(--soft); }
 {% else %}
 <p>No quantity has a valid pixel in {{ place }}: a budget needs larger images, or another region.</p>
 {% endfor %}
-<p class="soft">{{ found.scene }}{{ "." if found.scene }}
-Method: {{ found.method }}; {{ found.draws }} seed{{ "s" if found.draws > 1 }}; RMS over {{ place }}.</p>
+<p class="soft">Method: {{ found.method }}; {{ found.draws }} seed{{ "s" if found.draws > 1 }};
+RMS over {{ place }}.</p>
+<p>A contribution is the change of the estimate, pixel by pixel, when one source alone is switched on. Contributions add
+as squares: every bar extends from the root sum of squares before it to that with it. Method bias is the error with
+ideal images, without the parts that slanted and curved surfaces explain.{% if pale %} Pale bars are predicted, full
+bars simulated.{% endif %}</p>
+<p class="legend">{% for colour, group in legend %}<span><i style="background: {{ colour }}"></i>{{ group }}</span>
+{% endfor %}</p>
 {{ plots(waterfalls) }}
-<p>A contribution is the change of the estimate, pixel by pixel, when one source alone is switched on. Contributions are
-combined in quadrature; every bar extends from the root sum of squares before it to that with it. Errors with ideal
-images are counted once, as slanted surfaces, curved surfaces and method bias. Pale bars are predicted, full bars
-simulated.</p>
 <h2>All contributions</h2>
+<p>The signed sum per pixel is the RMS of the sum of all contributions with their signs. It differs from the root sum of
+squares where biases cancel or add up.</p>
 {% for table in tables %}
 {{ sortable(table) }}
 {% endfor %}
@@ -224,7 +230,8 @@ simulated.</p>
 {% endblock %}
 """
 
-_COLUMNS = ("source", "magnitude", "contribution", "predicted", "predicted for seeds", "simulated", "valid pixels")
+_FOR_SEEDS = "predicted for seeds"
+_COLUMNS = ("source", "magnitude", "contribution", "predicted", _FOR_SEEDS, "simulated", "valid pixels")
 _REGION_TITLES = {"interior": "the interior", "all": "the visible surface"}
 
 
@@ -237,34 +244,44 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
         if not parts:
             continue
         total = found.combined(quantity, region)
-        lines = [
-            [
-                HtmlCell(one.title),
-                HtmlCell(one.size),  # magnitudes have different units and sort as text
-                *(
-                    _cell(value, total.root_sum_square)
-                    for value in (one.value, one.predicted, one.predicted_for_seeds, one.simulated)
-                ),
-                _share(one.valid_fraction),
-            ]
+        rows = [
+            {
+                "source": HtmlCell(one.title),
+                "magnitude": HtmlCell(one.size),  # magnitudes have different units and sort as text
+                "contribution": _cell(one.value, total.root_sum_square),
+                "predicted": _cell(one.predicted, total.root_sum_square),
+                _FOR_SEEDS: _cell(one.predicted_for_seeds, total.root_sum_square),
+                "simulated": _cell(one.simulated, total.root_sum_square),
+                "valid pixels": _share(one.valid_fraction),
+            }
             for one in parts
         ]
-        foot = [
-            [HtmlCell(text) for text in cells]
-            for cells in (
-                ("root sum of squares", "", format_two_digits(total.root_sum_square), "", "", "", ""),
-                ("signed sum per pixel", "", format_two_digits(total.signed_sum), "", "", "", ""),
-                ("all sources", "", "", "", "", format_two_digits(total.simulated), _share(total.valid_fraction).text),
-            )
+        sums = [
+            {"source": "root sum of squares", "contribution": format_two_digits(total.root_sum_square)},
+            {"source": "signed sum per pixel", "contribution": format_two_digits(total.signed_sum)},
+            {
+                "source": "all sources",
+                "simulated": format_two_digits(total.simulated),
+                "valid pixels": _share(total.valid_fraction).text,
+            },
         ]
+        of_seeds = any(math.isfinite(one.predicted_for_seeds) for one in parts)
+        columns = [name for name in _COLUMNS if name != _FOR_SEEDS or of_seeds]
+        lines = [[row[name] for name in columns] for row in rows]
+        foot = [[HtmlCell(row.get(name, "")) for name in columns] for row in sums]
         caption = f"{_heading(quantity)}, {unit_text(total.unit)}"
-        tables.append(HtmlTable(f"parts-{quantity}", caption, _COLUMNS, lines, foot=foot))
+        tables.append(HtmlTable(f"parts-{quantity}", caption, columns, lines, foot=foot))
     waterfalls = make_waterfalls(found, region)
+    bars = [bar for quantity in _shown_quantities(found, region) for bar in compute_bars(found, quantity, region)]
     text = environment.from_string(_TEMPLATE).render(
         found=found,
         place=_REGION_TITLES.get(region, f"the interior of {region.removeprefix('object_')}"),
         words=found.summary(region).splitlines(),
         waterfalls=waterfalls,
+        legend=[
+            (colour, _TITLES[group]) for group, colour in COLOURS.items() if any(bar.group == group for bar in bars)
+        ],
+        pale=not all(bar.simulated for bar in bars),
         tables=tables,
         plotly=plotly_script(),
         charts=script_json({one.name: {"data": one.data, "layout": one.layout} for one in waterfalls}),

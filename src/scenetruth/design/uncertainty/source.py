@@ -116,7 +116,7 @@ class UncertaintySource:
     kind: ClassVar[str]
     """Identifier: lower-case letters and underscores."""
     title: ClassVar[str]
-    """Title in a few words, as in "stage yaw contributes 1.4 of this"."""
+    """Title in a few words, as in "largest contribution: stage yaw, 1.4 mm"."""
     group: ClassVar[Group]
     """Group of the source."""
     perfect: ClassVar[Mapping[str, Any]] = {}

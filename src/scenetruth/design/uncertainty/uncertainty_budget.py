@@ -59,12 +59,7 @@ def _summarise_quantity(
             f"contributions combined in quadrature: {format_two_digits(total.root_sum_square)} {unit}."
         )
     else:
-        head = f"{title}: combined uncertainty {format_two_digits(total.value)} {unit} RMS"
-        head += (
-            f", true value {format_two_digits(total.signal)} {unit}."
-            if quantity != "depth" and total.signal > _NO_SIGNAL * total.value
-            else "."
-        )
+        head = f"{title}: {_describe_size(total)}."
     if not parts:
         return head
     sentences = [head, *_largest(parts, total)]
@@ -85,6 +80,18 @@ def _summarise_quantity(
     return " ".join(sentences)
 
 
+def _describe_size(total: CombinedUncertainty) -> str:
+    """Return the combined uncertainty beside the true value; one that exceeds the true value comes with that fact."""
+    unit, size = unit_text(total.unit), format_two_digits(total.value)
+    if total.quantity == "depth" or not total.signal > _NO_SIGNAL * total.value:
+        return f"combined uncertainty {size} {unit} RMS"
+    signal = f"{format_two_digits(total.signal)} {unit}"
+    if total.value <= total.signal:
+        return f"combined uncertainty {size} {unit} RMS, true value {signal}"
+    factor = format_two_digits(total.value / total.signal)
+    return f"not measurable: the combined uncertainty, {size} {unit} RMS, is {factor} times the true value of {signal}"
+
+
 _FULL_DENSITY = 0.9
 _NO_SIGNAL = 1e-3  # a true value below this fraction of its error is not reported
 
@@ -96,16 +103,15 @@ def _usable(parts: Sequence[Contribution]) -> list[Contribution]:
 def _largest(parts: list[Contribution], total: CombinedUncertainty) -> list[str]:
     whole = sum(one.value**2 for one in parts)
     first, *others = parts
+    unit = unit_text(total.unit)
     size = f" ({first.size})" if first.size else ""
     sure = "" if math.isfinite(first.simulated) or first.cause in _METHOD_KINDS else ", as predicted"
-    text = f"{_capital(first.title)}{size} contributes {format_two_digits(first.value)} of this{sure}"
-    if first.cause in _PLURAL:
-        text = text.replace(" contributes ", " contribute ", 1)
+    text = f"Largest contribution: {first.title}{size}, {format_two_digits(first.value)} {unit}{sure}"
     if math.isfinite(first.predicted_for_seeds) and not 1 / _SEED_RATIO < first.predicted / first.value < _SEED_RATIO:
         text += f" for these seeds, with an expected value of {format_two_digits(first.predicted)} over all seeds"
     named = [one for one in others[:2] if one.value**2 > _LEAST_NAMED_SHARE * whole]
     if named:
-        text += ", followed by " + ", ".join(f"{one.title} {format_two_digits(one.value)}" for one in named)
+        text += "; then " + ", ".join(f"{one.title} {format_two_digits(one.value)}" for one in named)
     return [text + "."]
 
 
@@ -181,7 +187,7 @@ class Budget(Result):
     >>> for sentence in found.summary().splitlines()[0].split(". "):
     ...     print(sentence)
     Depth: combined uncertainty 0.37 mm RMS
-    Sensor noise (0.4 % of full scale) contributes 0.36 of this, followed by focal length 0.25
+    Largest contribution: sensor noise (0.4 % of full scale), 0.36 mm; then focal length 0.25
     The mean of four images (sensor.noise_std: 0.002) reduces it to 0.26 mm; then focal length dominates (0.25).
     >>> part, total = found.contribution("focal_length", "depth"), found.combined("depth")
     >>> f"predicted {part.predicted:.2f} mm, simulated {part.simulated:.2f} mm of {total.simulated:.2f} mm"
