@@ -104,6 +104,20 @@ def test_growth_is_shown_where_something_grows() -> None:
     assert list_plotted_quantities(growing) == ["depth", "growth_rate"]
 
 
+@pytest.mark.parametrize(("grows", "quantity"), [(False, "depth"), (True, "growth rate")])
+def test_growth_comes_first_where_something_grows(grows: bool, quantity: str, tmp_path: Path) -> None:
+    found = over_one()
+    page = write_sweep_report(Sweep(found.factors, found.scenes, found.methods, found.rows, grows=grows), tmp_path)
+    assert f"The smallest RMSE of {quantity} in" in re.sub(r"<[^>]*>", "", page.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(("low", "high", "text"), [(0.01, 42.0, "14"), (13.5, 13.7, "13.60"), (0.001, 0.9, "0.16")])
+def test_values_of_wide_intervals_keep_two_digits(low: float, high: float, text: str) -> None:
+    points = [replace(one, value=float(text), ci_low=low, ci_high=high) for one in rows([{BASELINE: 1, NOISE: 0.1}])]
+    heat, *_ = build_panels(Sweep([BASELINE, NOISE], ["cube"], ["mine"], points), "depth")
+    assert build_chart(heat)["data"][0]["text"][0][0].split("<br>")[0] == text
+
+
 def test_the_page_is_one_file_in_which_no_word_acts(tmp_path: Path) -> None:
     for found in (over_one(), over_two()):
         page = write_sweep_report(found, tmp_path, "scenetruth design sweep 'a b.yaml'")

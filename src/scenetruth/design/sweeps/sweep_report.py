@@ -25,7 +25,7 @@ from scenetruth.design.sweeps.sweep_result import STATISTICS, Sweep, SweepRecord
 from scenetruth.html import COLOURS, render_page
 from scenetruth.number_format import UNDEFINED, format_interval, format_measured, format_number
 from scenetruth.output import write_atomically
-from scenetruth.scoring import get_units
+from scenetruth.scoring import QUANTITIES, get_units
 from scenetruth.scoring.quantities import get_title
 from scenetruth.scoring.statistics import STATISTIC_TITLES
 
@@ -160,16 +160,14 @@ def _distinct(values: list[float]) -> list[str]:
 
 def _short(cell: tuple[Any, ...]) -> str:
     _, _, number, low, high, bound = cell
-    return format_measured(number, 0.5 * (high - low)) + (
-        f"<br>({format_short(bound, 2)})" if math.isfinite(bound) else ""
-    )
+    return _measured(number, low, high) + (f"<br>({format_short(bound, 2)})" if math.isfinite(bound) else "")
 
 
 def _long(cell: tuple[Any, ...]) -> str:
     _, _, number, low, high, bound = cell
     between = format_interval(low, high)
     interval = f", 95 %: {between}" if between else ""
-    value = format_measured(number, 0.5 * (high - low))
+    value = _measured(number, low, high)
     return value + interval + (f", Cramér-Rao bound {format_short(bound)}" if math.isfinite(bound) else "")
 
 
@@ -181,6 +179,7 @@ PAGE = "index.html"
 _MOST_LINES = 1000
 _MOST_VALUES = 8
 _STATISTIC = "rmse"
+_INTERVAL = "frames.frame_interval_s"
 
 
 def write_sweep_report(found: Sweep, folder: str | Path, again: str = "") -> Path:
@@ -210,6 +209,7 @@ def write_sweep_report(found: Sweep, folder: str | Path, again: str = "") -> Pat
         statistic=_STATISTIC,
         region=region,
         best=_find_best(found, region),
+        per_frame=_INTERVAL in found.factors,
         result=_state_result(found, region),
         best_columns=["quantity", "RMSE", "95 %", "unit", "at", *(["method"] if len(found.methods) > 1 else [])],
         columns=[*titles.values(), *_COLUMNS],
@@ -268,9 +268,16 @@ def _unit(unit: str) -> str:
     return UNDEFINED if unit in ("", "1") else unit
 
 
+def _main_quantity(found: Sweep) -> str | None:
+    """Return the quantity of the first sentence: growth if an object grows, else the first with values."""
+    there = list_plotted_quantities(found)
+    return next((name for name in there if QUANTITIES[name].is_growth), there[0] if there else None)
+
+
 def _state_result(found: Sweep, region: str) -> str:
-    """Return the smallest error of the first quantity as a sentence."""
-    lines = _find_best(found, region)
+    """Return the smallest error of the main quantity as a sentence."""
+    main = _main_quantity(found)
+    lines = [] if main is None else [line for line in _find_best(found, region) if line[0] == get_title(main)]
     if not lines:
         return "No point of the sweep has a valid error."
     title, number, interval, unit, where, *method = lines[0]
@@ -283,20 +290,21 @@ def _state_result(found: Sweep, region: str) -> str:
 
 
 def _count_similar(found: Sweep, region: str) -> str:
-    """Return how many points have intervals that overlap with that of the smallest error of the first quantity."""
-    for quantity in list_plotted_quantities(found):
-        rows = list(found.selected(quantity, "rmse", region=region, methods=found.methods))
-        if rows:
-            best = min(rows, key=lambda row: row.value)
-            others = [row for row in rows if row is not best and math.isfinite(row.ci_low)]
-            count = sum(row.ci_low <= best.ci_high for row in others)
-            if not count:
-                return ""
-            which = f"{count} of the other {len(rows) - 1} points" if count < len(rows) - 1 else "all other points"
-            points, verb = ("interval", "overlaps") if count == 1 == len(rows) - 1 else ("intervals", "overlap")
-            which = "the other point" if verb == "overlaps" else which
-            return f" The {points} of {which} {verb} with it: more seeds are needed to distinguish them."
-    return ""
+    """Return how many points have intervals that overlap with that of the smallest error of the main quantity."""
+    main = _main_quantity(found)
+    rows = [] if main is None else list(found.selected(main, "rmse", region=region, methods=found.methods))
+    if not rows:
+        return ""
+    best = min(rows, key=lambda row: row.value)
+    others = [row for row in rows if row is not best and math.isfinite(row.ci_low)]
+    count = sum(row.ci_low <= best.ci_high for row in others)
+    if not count:
+        return ""
+    which = f"{count} of the other {len(rows) - 1} points" if count < len(rows) - 1 else "all other points"
+    points, verb = ("interval", "overlaps") if count == 1 == len(rows) - 1 else ("intervals", "overlap")
+    which = "the other point" if verb == "overlaps" else which
+    methods = f" of {'both' if len(found.methods) == 2 else 'all'} methods" if len(found.methods) > 1 else ""
+    return f" The {points} of {which}{methods} {verb} with it: more seeds are needed to distinguish them."
 
 
 def _lines(found: Sweep, region: str) -> list[list[str]]:
@@ -341,4 +349,10 @@ def _interval(row: SweepRecord) -> str:
 
 
 def _number(row: SweepRecord) -> str:
-    return format_measured(row.value, 0.5 * (row.ci_high - row.ci_low))
+    return _measured(row.value, row.ci_low, row.ci_high)
+
+
+def _measured(value: float, low: float, high: float) -> str:
+    """Return a value with the digits of its interval, two at least: values of wide intervals are compared as well."""
+    half = 0.5 * (high - low)
+    return format_number(value, 2) if half > abs(value) else format_measured(value, half)

@@ -259,7 +259,7 @@ def _command(
         return ""
     if not all(isinstance(one.method, str) for one in contestants):
         return ""
-    words = ["scenetruth", "design", "sweep", *map(str, files)]
+    words = ["scenetruth", "design", "sweep", *map(_from_here, files)]
     for path, values in vary.items():
         words += ["--vary", f"{path}={values if isinstance(values, str) else ','.join(map(format_level, values))}"]
     for one in contestants:
@@ -274,3 +274,9 @@ def _command(
     words += ["--seeds", str(seeds) if isinstance(seeds, int) else ",".join(map(str, seeds))]
     words += ["--sobol-points", str(sobol)] if sobol else []
     return shlex.join([*words, "-o", "again"])
+
+
+def _from_here(file: str | Path) -> str:
+    """Return a path relative to the working directory if the file is in it."""
+    path = Path(file)
+    return str(path.relative_to(Path.cwd()) if path.is_absolute() and path.is_relative_to(Path.cwd()) else path)
