@@ -8,7 +8,7 @@ from typing import Any
 
 from scenetruth.number_format import format_value
 
-__all__ = ["describe_parameter", "label_parameter", "title_parameter", "title_parameters"]
+__all__ = ["describe_parameter", "label_parameter", "parameter_unit", "title_parameter", "title_parameters"]
 
 _NUMBERS = ["no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve"]
 _COUNTED = {
@@ -66,14 +66,24 @@ def title_parameter(path: str) -> str:
     return " ".join(_SYMBOLS.get(word, word) for word in words)
 
 
+def parameter_unit(path: str) -> str:
+    """Return the unit in the name of a design variable; empty without one.
+
+    >>> parameter_unit("stage.baseline_mm"), parameter_unit("f_number")
+    ('mm', '')
+    """
+    unit = _UNIT.search(path)
+    return "" if unit is None else _UNITS[unit[1]]
+
+
 def label_parameter(path: str) -> str:
     """Return the title of a design variable with its unit, for an axis.
 
     >>> label_parameter("stage.baseline_mm"), label_parameter("f_number")
     ('baseline, mm', 'f-number')
     """
-    unit = _UNIT.search(path)
-    return title_parameter(path) if unit is None else f"{title_parameter(path)}, {_UNITS[unit[1]]}"
+    unit = parameter_unit(path)
+    return f"{title_parameter(path)}, {unit}" if unit else title_parameter(path)
 
 
 def title_parameters(paths: Sequence[str]) -> dict[str, str]:

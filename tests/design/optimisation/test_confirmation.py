@@ -275,5 +275,5 @@ def test_all_pairs_that_were_simulated_are_judged_and_counted() -> None:
     (line,) = describe_rank_consistency((objective(),), found)
     verdicts = [one.verdict for one in found]
     assert verdicts.count("kept") == 4
-    assert line.startswith("depth: the simulations confirm the predicted order of 4 of 5 pairs of rigs, ")
+    assert line.startswith("depth: predicted order of 5 pairs of rigs in the simulations: 4 confirmed, 1 ")
     assert list(describe_rank_consistency((objective("growth"),), found)) == []

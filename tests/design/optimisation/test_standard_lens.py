@@ -18,6 +18,7 @@ from scenetruth.design.optimisation import (
     load_catalogues,
     prepare_problem,
 )
+from scenetruth.number_format import format_percent
 from tests.helpers.small_specification import spec
 
 RIG = RigDesign(3, {}, {}, {}, {}, (), None, "")
@@ -82,4 +83,16 @@ def test_stops_and_broken_constraints_are_named() -> None:
     words = " ".join(describe_standard_lens(lens, (), RIG))
     assert "lens of 30 mm at f/7.2" in words
     assert "35 mm lens at f/8" in words
-    assert "violates: field of view" in words
+    assert "constraints are not satisfied: field of view" in words
+
+
+@pytest.mark.parametrize(("stop", "wanted"), [(2.0, 2.05), (4.0, 5.0), (5.6, 4.9)])
+def test_a_wider_stop_of_the_same_lens_states_the_exposure_time(stop: float, wanted: float) -> None:
+    lens = StandardLens("35 mm lens", 35.0, stop, 35.0, wanted, 37.6, 500.0, {})
+    words = " ".join(describe_standard_lens(lens, (), RIG))
+    assert f"has this lens, 35 mm lens, at f/{wanted:.2g}; the nearest full stop is f/{stop:.2g}" in words
+    # The light that reaches the sensor is proportional to the square of the aperture.
+    shorter = 1 - (stop / wanted) ** 2
+    assert ("shorter by" in words) is (shorter > 0)
+    if shorter > 0:
+        assert f"shorter by {format_percent(shorter)} compensates" in words

@@ -130,11 +130,11 @@ def describe_rank_consistency(objectives: Sequence[Objective], orders: Sequence[
         count = Counter(one.verdict for one in own)
         if own:
             pairs = f"{len(own)} pair{'s' if len(own) > 1 else ''} of rigs"
-            parts = [f"the simulations confirm the predicted order of {count['kept']} of {pairs}"]
-            parts += [f"reverse that of {count['swapped']}"] if count["swapped"] else []
             seeds = min(one.seeds for one in own)
-            parts += [f"do not decide that of {count['undecided']} with {seeds} seeds"] if count["undecided"] else []
-            yield f"{objective.title}: {', '.join(parts)}"
+            parts = [f"{count['kept']} confirmed"] if count["kept"] else []
+            parts += [f"{count['swapped']} reversed"] if count["swapped"] else []
+            parts += [f"{count['undecided']} undecided with {seeds} seeds"] if count["undecided"] else []
+            yield f"{objective.title}: predicted order of {pairs} in the simulations: {', '.join(parts)}"
 
 
 def _changed(objectives: Sequence[Objective], sensitivities: Sequence[Sensitivity]) -> Iterator[str]:

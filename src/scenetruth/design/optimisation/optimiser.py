@@ -226,7 +226,7 @@ class _Run:
         file = self.folder / _PREDICTIONS
         ledger = EvaluationLog(self.prepared.task, space, crew, file, self.progress, search.predictions)
         try:
-            with self.timed("even design"):
+            with self.timed("first rigs"):
                 points = qmc.Sobol(len(space), seed=np.random.default_rng(search.seed)).random(shares.even)
                 ledger.ask(points.tolist(), "even design")
             with self.timed("search"):
@@ -275,7 +275,7 @@ class _Run:
             task, build_rig(task.base, one.values), scene, predict_scene(scene, task.method), one.values
         )
         assert facts is not None
-        with self.timed("ten percent"):
+        with self.timed("changes by 10 %"):
             sensitivities = self._sensitivities(one)
         return DesignResult(
             specification=self.spec.model_dump(mode="json", by_alias=True),

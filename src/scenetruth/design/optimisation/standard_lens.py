@@ -10,7 +10,7 @@ from typing import Any
 from scenetruth.design.optimisation.catalogues import CameraEntry, LensEntry
 from scenetruth.design.optimisation.design_records import Objective, RigDesign
 from scenetruth.design.optimisation.rig_evaluation import EvaluationTask, build_rig, evaluate_rig
-from scenetruth.number_format import format_length, format_number
+from scenetruth.number_format import format_length, format_number, format_percent
 from scenetruth.scene import Scene
 
 __all__ = ["F_STOPS", "StandardLens", "choose_f_stop", "choose_standard_lens", "describe_standard_lens"]
@@ -113,7 +113,11 @@ def describe_standard_lens(lens: StandardLens | None, objectives: Sequence[Objec
         off = f"{format_length(lens.wanted_focal_length_mm)} mm"
         if lens.wanted_f_number is not None:
             off += f" at f/{format_length(lens.wanted_f_number, 2)}"
-        yield f"The rig has a lens of {off}. The nearest lens that can be bought is: {name} at {stop}"
+        if _near(lens.focal_length_mm, lens.wanted_focal_length_mm):
+            at = format_length(lens.wanted_f_number or lens.f_number, 2)
+            yield f"The rig has this lens, {name}, at f/{at}; the nearest full stop is {stop}"
+        else:
+            yield f"The rig has a lens of {off}. The nearest lens that can be bought is: {name} at {stop}"
         pairs = []
         for one in objectives:
             value = lens.predicted.get(one.title, math.inf)
@@ -122,9 +126,15 @@ def describe_standard_lens(lens: StandardLens | None, objectives: Sequence[Objec
             pairs.append(f"{one.title[0].lower()}{one.title[1:]} {new} (rig as optimised: {before})")
         yield f"With it, predicted: {'; '.join(pairs)}"
         if lens.broken:
-            yield f"With it, the rig violates: {', '.join(lens.broken)}"
+            yield f"With it, constraints are not satisfied: {', '.join(lens.broken)}"
+        if lens.wanted_f_number is not None and lens.f_number < lens.wanted_f_number:
+            light = (lens.wanted_f_number / lens.f_number) ** 2
+            yield (
+                f"Images are {format_percent(light - 1)} brighter with it: an exposure time shorter by "
+                f"{format_percent(1 - 1 / light)} compensates for that"
+            )
     focus, length = format_length(lens.focus_mm), format_length(lens.focal_length_mm)
     yield (
-        f"Focused at {focus} mm, a lens of {length} mm has its image {format_length(lens.image_distance_mm, 4)} mm "
-        "behind it: this is camera.focal_length_mm of the scene file"
+        f"Focused at {focus} mm, a lens of {length} mm forms its image {format_length(lens.image_distance_mm, 4)} mm "
+        "behind it. This distance is camera.focal_length_mm of the scene file"
     )

@@ -346,7 +346,7 @@ def test_orders_of_pairs_are_told(sample: DesignResult, tmp_path: Path) -> None:
     assert lines[0][:5] == [DEPTH, "1204", "311", "2.00", "2.00"]
     assert [line[-1] for line in lines] == ["kept"] * 6
     said = said_in(text_of(sample, tmp_path))
-    assert f"{DEPTH}: the simulations confirm the predicted order of 3 of 3 pairs of rigs" in said
+    assert f"{DEPTH}: predicted order of 3 pairs of rigs in the simulations: 3 confirmed" in said
 
 
 def test_places_that_are_far_off_are_warned_of(sample: DesignResult) -> None:

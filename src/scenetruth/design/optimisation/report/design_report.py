@@ -150,6 +150,16 @@ def _verdict(design: DesignResult, objective: Objective) -> str:
     return f"{aim}. {words}." + (" The RMSE, which includes outliers, is above the target." if outliers else "")
 
 
+def list_equal_rigs(design: DesignResult) -> list[int]:
+    """Return the simulated rigs that the first objective does not distinguish from the recommended rig."""
+    title, number = design.objectives[0].title, design.recommended.number
+    pairs = [(one.better, one.worse) for one in design.orders if one.objective == title and one.verdict == "undecided"]
+    return [worse if better == number else better for better, worse in pairs if number in (better, worse)]
+
+
+_DISTORTION = "the distortion residual after calibration is not included"
+
+
 def list_warnings(design: DesignResult) -> list[tuple[str, str]]:
     """Return the warnings of the report with the identifiers of the related sections."""
     values = []
@@ -157,6 +167,9 @@ def list_warnings(design: DesignResult) -> list[tuple[str, str]]:
     if broken:
         names = ", ".join(one.title for one in broken)
         values.append((f"The recommended rig violates constraints: {names}.", "constraints"))
+    residual = next((one for one in design.assumptions if one.startswith(_DISTORTION)), None)
+    if residual is not None:
+        values.append((f"{residual[:1].upper()}{residual[1:]}.", "assumptions"))
     if not design.recommended.is_confirmed:
         values.append(("The recommended rig was not simulated: its values are predictions.", "agreement"))
     for objective in design.objectives:
@@ -289,6 +302,7 @@ def write_design_page(design: DesignResult, folder: str | Path) -> Path:
         warnings=list_warnings(design),
         tightest=tightest,
         left=format_percent(tightest.margin) if tightest is not None else "",
+        equals=list_equal_rigs(design),
         view=view,
         drawings=draw_side_views(view),
         drawn=describe_side_view(view),

@@ -17,7 +17,7 @@ from scenetruth.design.optimisation.design_records import (
 )
 from scenetruth.design.optimisation.design_result import DesignResult
 from scenetruth.design.optimisation.report.scene_file import build_scene_file
-from scenetruth.design.parameter_words import title_parameter
+from scenetruth.design.parameter_words import parameter_unit, title_parameter
 from scenetruth.html import HtmlCell, HtmlTable
 from scenetruth.number_format import (
     UNDEFINED,
@@ -77,7 +77,9 @@ def build_parameter_table(design: DesignResult) -> HtmlTable:
     for path, value in design.recommended.parameters.items():
         entry = variables.get(path) if isinstance(variables, Mapping) else None
         chosen, at_end = _range(entry, value)
-        text = f"{titles[path]} ({value})" if path in titles else format_value(value)
+        unit = parameter_unit(path)
+        number = f"{format_value(value)} {unit}" if unit and _is_number(value) else format_value(value)
+        text = f"{titles[path]} ({value})" if path in titles else number
         title = "lens" if path == "lens" else title_parameter(path)
         lines.append(
             [HtmlCell(title), HtmlCell(path), HtmlCell(text, _sort_key(value)), HtmlCell(chosen), HtmlCell(at_end)]
