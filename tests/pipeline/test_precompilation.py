@@ -17,7 +17,7 @@ from scenetruth.estimators import MethodChoice
 from scenetruth.estimators.structure_tensor import estimate_tile
 from scenetruth.pipeline import FigureWorker, precompile, scene_pipeline
 from scenetruth.pipeline.precompilation import compile_late_truth_kernels, compile_method, small_recording
-from scenetruth.truth import visibility_kernels
+from scenetruth.truth import layer_kernels, visibility_kernels
 from tests.helpers.command_line import scenetruth
 from tests.helpers.nightly import nightly
 
@@ -93,8 +93,9 @@ def test_of_its_images_methods_tell_all_they_can(method: str, dtype: str) -> Non
 @pytest.mark.filterwarnings("ignore::scenetruth.SceneWarning")
 def test_the_last_of_the_truth_was_compiled_beforehand() -> None:
     compile_late_truth_kernels()
-    names = ["_place_points", "_look_at_points", "sort_into_cells", "_hide_points"]
+    names = ["find_runs", "_look_at_runs", "_look_at_points", "sort_into_cells", "_hide_points"]
     kernels = [getattr(visibility_kernels, name) for name in names]
+    kernels += [getattr(layer_kernels, name) for name in ("_face_sides", "_to_cells", "_find_boxes", "_find_single")]
     known = [list(kernel.signatures) for kernel in kernels]
     assert all(known)
     st.simulate(st.Scene.from_dict(SCENE))

@@ -25,6 +25,7 @@ class Topology:
     ``edge_flipped``, ``edge_crowded``: Whether the faces have opposite orientation; whether they are more than two.
     ``face_neighbours``: Face across each of the three edges of every face, shape (m, 3), int32; -1 for none. Edge k
       runs from corner k to corner k + 1.
+    ``sides_across``: Side across each of them, 3 times its face + its number, shape (m, 3), int32; -1 for none.
     ``edge_crease_cosine``: Cosine of the angle between the two faces above which the edge is sharp, shape (k,),
       float64; 2 for edges that are always sharp.
     """
@@ -35,6 +36,7 @@ class Topology:
     edge_flipped: NDArray[np.bool_]
     edge_crowded: NDArray[np.bool_]
     face_neighbours: NDArray[np.int32]
+    sides_across: NDArray[np.int32]
     edge_crease_cosine: NDArray[np.float64]
 
     @classmethod
@@ -71,16 +73,18 @@ class Topology:
         creases = np.broadcast_to(given[:, None] if given.ndim == 1 else given, (count, 3)).reshape(-1)
         crease = np.where(has_two, np.minimum(creases[one], creases[two]), creases[one])
         flipped = has_two & (half[one, 0] == half[two, 0])
-        neighbours = np.full(len(half), -1, dtype=np.int32)
-        neighbours[one[has_two]] = owner[two[has_two]]
-        neighbours[two[has_two]] = owner[one[has_two]]
+        across = np.full(len(half), -1, dtype=np.int32)
+        across[one[has_two]] = two[has_two]
+        across[two[has_two]] = one[has_two]
         return cls(
             faces=faces,
             edges=first[np.stack(np.divmod(pairs, len(first)), axis=1)].astype(np.int32),
             edge_faces=edge_faces,
             edge_flipped=flipped,
             edge_crowded=uses > 2,
-            face_neighbours=neighbours.reshape(count, 3),
+            # Of -1, the quotient is -1.
+            face_neighbours=(across // 3).reshape(count, 3),
+            sides_across=across.reshape(count, 3),
             edge_crease_cosine=np.where(crease > 0, np.cos(np.deg2rad(crease)), 2.0),
         )
 

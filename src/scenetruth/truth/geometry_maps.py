@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from threading import Lock
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from scenetruth.camera import Camera, Viewpoint, pixel_rays
 from scenetruth.raycast import Hits, RayCaster, Topology, image_hits, mixed_pixels
 from scenetruth.scene.built_scene import BuiltScene
+
+if TYPE_CHECKING:
+    from scenetruth.truth.layer_kernels import Layers
 
 __all__ = ["Geometries", "GeometryPass", "LightProvider", "TruthMaps", "truth_by_rows", "truth_maps"]
 
@@ -43,6 +46,37 @@ class GeometryPass:
         self.snapshot = world.at(t)
         self.caster = RayCaster(self.snapshot.vertices_mm, topology)
         self._provider = provider
+        self._layers: dict[tuple[Camera, bytes, bytes, tuple[float, float]], Layers] = {}
+
+    def layers(self, camera: Camera, viewpoint: Viewpoint, vertices: NDArray[np.float64]) -> Layers:
+        """Return where the image of a camera shows a single layer of surface; its vertices are in the camera frame."""
+        from scenetruth.truth.layer_kernels import find_layers
+
+        key = (camera, viewpoint.position_mm.tobytes(), viewpoint.rotation.tobytes(), viewpoint.shear)
+        found = self._layers.get(key)
+        if found is None:
+            pinhole, topology = (camera.focal_px, *camera.principal_point), self.caster.topology
+            found = self._layers[key] = find_layers(
+                vertices,
+                topology.faces,
+                topology.sides_across,
+                self._convex,
+                self.world.face_offsets,
+                pinhole,
+                camera.width,
+                camera.height,
+            )
+        return found
+
+    @cached_property
+    def _convex(self) -> NDArray[np.bool_]:
+        """Faces of convex bodies, shape (m,)."""
+        from scenetruth.truth.layer_kernels import find_convex_faces
+
+        topology = self.caster.topology
+        across, offsets = topology.sides_across, self.world.face_offsets
+        found: NDArray[np.bool_] = find_convex_faces(self.caster.vertices_mm, topology.faces, across, offsets)
+        return found
 
     @cached_property
     def light(self) -> _LightAtHits:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -22,6 +23,8 @@ from scenetruth.truth.geometry_maps import Geometries, GeometryPass, TruthMaps
 if TYPE_CHECKING:
     import xarray as xr
 
+    from scenetruth.truth.visibility_kernels import Runs
+
 __all__ = ["PixelPoints", "PointTracker", "SurfacePoints", "compile_visibility", "find_visible_points", "track_points"]
 
 
@@ -39,51 +42,77 @@ class SurfacePoints:
     weights: NDArray[np.float64]
     towards: NDArray[np.bool_]
 
+    @cached_property
+    def runs(self) -> Runs:
+        """Runs of points on the same face."""
+        from scenetruth.truth.visibility_kernels import find_runs
+
+        found: Runs = find_runs(self.face, self.weights)
+        return found
+
     @classmethod
     def seen_from(
-        cls, viewpoint: Viewpoint, geometry: GeometryPass, face: NDArray[np.int32], weights: NDArray[np.float64]
+        cls,
+        camera: Camera,
+        viewpoint: Viewpoint,
+        geometry: GeometryPass,
+        face: NDArray[np.int32],
+        weights: NDArray[np.float64],
     ) -> Self:
         """Return points on the face sides visible from a viewpoint."""
-        from scenetruth.truth.visibility_kernels import place_points
+        from scenetruth.truth.layer_kernels import FRONT
 
         vertices = np.ascontiguousarray(viewpoint.to_camera(geometry.snapshot.vertices_mm))
-        _, towards = place_points(vertices, geometry.world.faces, face, weights)
-        return cls(face, weights, towards)
+        fronts = (geometry.layers(camera, viewpoint, vertices).sides & FRONT).astype(np.bool_)
+        return cls(face, weights, fronts[face])
 
     def positions_mm(self, geometry: GeometryPass) -> NDArray[np.float64]:
         """Return the world positions of the points in mm, shape (n, 3)."""
         from scenetruth.truth.visibility_kernels import place_points
 
-        points, _ = place_points(geometry.snapshot.vertices_mm, geometry.world.faces, self.face, self.weights)
-        return np.asarray(points)
+        return place_points(geometry.snapshot.vertices_mm, geometry.world.faces, self.face, self.weights)
 
 
 def find_visible_points(
-    points: SurfacePoints, geometry: GeometryPass, camera: Camera, viewpoint: Viewpoint
+    points: SurfacePoints, geometry: GeometryPass, camera: Camera, viewpoint: Viewpoint, *, with_pixels: bool = True
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """Compute the visibility of surface points in a camera and their image positions in px, NaN behind the camera.
 
     A point is visible if it lies in the image, if its side of the face is towards the camera, and if no other face lies
-    in between (every face near the viewing ray is tested in float64).
+    in between. Where the image shows a single layer of surface, there is none; elsewhere every face near the viewing
+    ray is tested in float64. Without ``with_pixels``, there may be no positions.
     """
     from scenetruth.truth.visibility_kernels import hide_points, look_at_points, sort_into_cells
 
     faces = geometry.world.faces
     vertices = np.ascontiguousarray(viewpoint.to_camera(geometry.snapshot.vertices_mm))
+    layers = geometry.layers(camera, viewpoint, vertices)
     pinhole = (camera.focal_px, *camera.principal_point)
-    size = (camera.width, camera.height) if camera.distortion is None else (np.inf, np.inf)
-    place, pixels, seen = look_at_points(
-        vertices, faces, points.face, points.weights, points.towards, *pinhole, *map(float, size)
+    distorted = camera.distortion is not None
+    places, pixels, seen, unsure = look_at_points(
+        vertices,
+        faces,
+        points.face,
+        points.weights,
+        points.towards,
+        geometry.world.face_body,
+        points.runs,
+        layers,
+        pinhole,
+        (np.inf, np.inf) if distorted else (float(camera.width), float(camera.height)),
+        with_pixels=with_pixels and not distorted,
+        with_places=distorted,
     )
-    without_distortion = pixels
-    if camera.distortion is not None:
-        ahead = place[:, 2] > 0
-        pixels = camera.project(place)
+    if distorted:
+        ahead = places[:, 2] > 0
+        pixels = camera.project(places)
         pixels[~ahead] = np.nan
         x, y = pixels.T
         seen &= (x >= -0.5) & (x <= camera.width - 0.5) & (y >= -0.5) & (y <= camera.height - 0.5)
-    cells = sort_into_cells(place, without_distortion, seen, points.face, *pinhole)
-    seen[cells.order[hide_points(vertices, faces, cells)]] = False
+        unsure &= seen
+    cells = sort_into_cells(np.flatnonzero(unsure), vertices, faces, points.face, points.weights, *pinhole)
+    if len(cells.order):
+        seen[cells.order[hide_points(vertices, faces, cells)]] = False
     return seen, pixels
 
 
@@ -98,14 +127,20 @@ class PixelPoints:
     """
 
     def __init__(
-        self, maps: Mapping[str, NDArray[Any]], geometry: GeometryPass, viewpoint: Viewpoint, *, reused: bool = False
+        self,
+        maps: Mapping[str, NDArray[Any]],
+        geometry: GeometryPass,
+        camera: Camera,
+        viewpoint: Viewpoint,
+        *,
+        reused: bool = False,
     ) -> None:
         world = geometry.world
         body = maps["object_id"].ravel()
         self.pixels = np.flatnonzero(body >= 0)
         face = (world.face_offsets[body[self.pixels]] + maps["face_id"].ravel()[self.pixels]).astype(np.int32)
         weights = np.ascontiguousarray(maps["barycentric"].reshape(2, -1)[:, self.pixels].T)
-        self.points = SurfacePoints.seen_from(viewpoint, geometry, face, weights)
+        self.points = SurfacePoints.seen_from(camera, viewpoint, geometry, face, weights)
         self.geometry, self.viewpoint = geometry, viewpoint
         self.seen: dict[tuple[int, int], NDArray[np.bool_]] | None = {} if reused else None
 
@@ -149,7 +184,9 @@ class PointTracker:
                 continue
             time, viewpoint = self._places[index][frame + step if recorded else frame]
             geometry = self._geometries.at(time if recorded else time + step)
-            shown, pixels = find_visible_points(own.points, geometry, self._camera, viewpoint)
+            shown, pixels = find_visible_points(
+                own.points, geometry, self._camera, viewpoint, with_pixels=self._complete
+            )
             if recorded:
                 hidden |= ~shown
                 if own.seen is not None:
@@ -165,7 +202,8 @@ class PointTracker:
 
     def _seen(self, points: PixelPoints, index: int, frame: int) -> NDArray[np.bool_]:
         time, viewpoint = self._places[index][frame]
-        return find_visible_points(points.points, self._geometries.at(time), self._camera, viewpoint)[0]
+        geometry = self._geometries.at(time)
+        return find_visible_points(points.points, geometry, self._camera, viewpoint, with_pixels=False)[0]
 
     def _moved(
         self, own: PixelPoints, geometry: GeometryPass, pixels: NDArray[np.float64], way: str
@@ -191,7 +229,7 @@ def compile_visibility(scene: Scene) -> None:
     viewpoint = build_schedule(scene).moment(0, 0).viewpoint
     first = np.zeros((2, 2), dtype=np.int64)
     maps = {"object_id": first, "face_id": first, "barycentric": np.full((2, 2, 2), 0.25)}
-    find_visible_points(PixelPoints(maps, geometry, viewpoint).points, geometry, scene.camera, viewpoint)
+    find_visible_points(PixelPoints(maps, geometry, scene.camera, viewpoint).points, geometry, scene.camera, viewpoint)
 
 
 def track_points(scene: SceneLike, truth: xr.Dataset, times: Iterable[float], *, t: int = 0) -> NDArray[np.float64]:

@@ -303,7 +303,7 @@ class TruthTasks:
         else:
             maps = truth_maps(geometry, scene.camera, moment.viewpoint, scene.stage.baseline_mm, content)
         reference = (self._views[0], scene.frames.t[frame]) == (index, 0)
-        own = PixelPoints(maps, geometry, moment.viewpoint, reused=reference)
+        own = PixelPoints(maps, geometry, scene.camera, moment.viewpoint, reused=reference)
         if reference:
             found = (maps["object_id"], maps["boundary_distance"], scene.score.interior_margin_px)
             self.warnings = interior_warnings(world, *found)

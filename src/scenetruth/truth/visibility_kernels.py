@@ -10,30 +10,31 @@ from numpy.typing import NDArray
 from scenetruth.kernels import inlined, kernel
 from scenetruth.raycast.ray_triangle_kernels import PLANE_MARGIN, blurs, inside, within
 from scenetruth.threads import in_bands
+from scenetruth.truth.layer_kernels import FRONT, IGNORED, Layers, are_clear
 
-__all__ = ["Cells", "hide_points", "look_at_points", "place_points", "sort_into_cells"]
+__all__ = ["Cells", "Runs", "Views", "find_runs", "hide_points", "look_at_points", "place_points", "sort_into_cells"]
 
 _TOUCH = 1e-9  # relative depth difference below which a face does not occlude a point (float64 rounding)
 _MARGIN = 1e-9  # relative margin of the face bounding boxes for rounding
 _GRAZING = 1e-6  # faces with a corner depth below this fraction of their size are assumed to cover the whole image
 _MANY = 16  # faces that may occlude more points of a row than this are intersected with the row
 _ROW_MARGIN = 1e-6  # relative tolerance by which points may exceed their cells due to rounding
+_SHORTEST_RUN, _LONGEST_RUN = 6, 32  # numbers of points of runs that are projected as a whole
+_LEAST_RUNS = 1024  # minimum number of runs per thread
 _LEAST_POINTS, _LEAST_FACES = 8192, 1024  # minimum number of points and faces per thread
 # Kernels use unsigned indices, because signed indices are tested for negative values at every access.
 
 
 @inlined
 def _place(vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, b1: float, b2: float) -> Any:
-    """Return a point on a face, and whether the front of the face is towards the origin."""
+    """Return a point on a face."""
     i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
     ux, uy, uz = vertices[j, 0] - vertices[i, 0], vertices[j, 1] - vertices[i, 1], vertices[j, 2] - vertices[i, 2]
     vx, vy, vz = vertices[k, 0] - vertices[i, 0], vertices[k, 1] - vertices[i, 1], vertices[k, 2] - vertices[i, 2]
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     return (
         vertices[i, 0] + b1 * ux + b2 * vx,
         vertices[i, 1] + b1 * uy + b2 * vy,
         vertices[i, 2] + b1 * uz + b2 * vz,
-        nx * vertices[i, 0] + ny * vertices[i, 1] + nz * vertices[i, 2] < 0.0,
     )
 
 
@@ -42,37 +43,34 @@ def place_points(
     faces: NDArray[np.int32],
     face: NDArray[np.int32],
     weights: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Compute points on faces, and whether the front of each face is towards the origin.
+) -> NDArray[np.float64]:
+    """Compute points on faces, in mm, shape (n, 3).
 
     ``vertices``: Positions in mm, shape (k, 3).
     ``faces``: Vertex indices of the faces, shape (m, 3).
     ``face``: Face of each point, shape (n,).
     ``weights``: Barycentric coordinates of the second and third corner, shape (n, 2).
-    Returns: Points in mm, shape (n, 3); and whether the normal (p1 - p0) x (p2 - p0) points to the side of the origin,
-    shape (n,).
     """
     count = face.shape[0]
     points = np.empty((count, 3), dtype=np.float64)
-    towards = np.empty(count, dtype=np.bool_)
-    in_bands(_place_points, count, vertices, faces, face, weights, points, towards, least=_LEAST_POINTS)
-    return points, towards
+    in_bands(_place_points, count, vertices, faces, face, weights, points, least=_LEAST_POINTS)
+    return points
 
 
 @kernel()
 def _place_points(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], face: NDArray[np.int32],
-    weights: NDArray[np.float64], points: NDArray[np.float64], towards: NDArray[np.bool_],
+    weights: NDArray[np.float64], points: NDArray[np.float64],
 ) -> None:  # fmt: skip
     for n in range(np.uint64(low), np.uint64(high)):
-        x, y, z, front = _place(vertices, faces, face[n], weights[n, 0], weights[n, 1])
-        points[n, 0], points[n, 1], points[n, 2], towards[n] = x, y, z, front
+        x, y, z = _place(vertices, faces, face[n], weights[n, 0], weights[n, 1])
+        points[n, 0], points[n, 1], points[n, 2] = x, y, z
 
 
 class Cells(NamedTuple):
     """Points in front of a camera, sorted into square cells of X / Z and Y / Z."""
 
-    order: NDArray[np.int32]
+    order: NDArray[np.int64]
     """Point indices in row-major cell order, shape (k,)."""
     places: NDArray[np.float64]
     """X, Y and Z of the sorted points, shape (3, k)."""
@@ -92,71 +90,214 @@ class Cells(NamedTuple):
     """Number of cells along Y / Z."""
 
 
+class Runs(NamedTuple):
+    """Runs of successive points on the same face, in parallelograms of their barycentric coordinates."""
+
+    starts: NDArray[np.int32]
+    """Index of the first point of each run, followed by the number of points, shape (runs + 1,)."""
+    corners: NDArray[np.float64]
+    """Barycentric coordinates of the corners of the parallelograms, shape (runs, 4, 2)."""
+
+
+@kernel(error_model="numpy")
+def find_runs(face: NDArray[np.int32], weights: NDArray[np.float64]) -> Any:
+    """Find the runs of points on faces, shape (n,), with barycentric coordinates, shape (n, 2)."""
+    count = np.int64(face.shape[0])
+    runs, begin = 0, 0
+    for n in range(1, count + 1):
+        if n == count or face[n] != face[begin] or n - begin == _LONGEST_RUN:
+            runs, begin = runs + 1, n
+    starts, corners = np.empty(runs + 1, dtype=np.int32), np.empty((runs, 4, 2), dtype=np.float64)
+    run, begin = 0, 0
+    for end in range(1, count + 1):
+        if not (end == count or face[end] != face[begin] or end - begin == _LONGEST_RUN):
+            continue
+        starts[run] = begin
+        if end - begin >= _SHORTEST_RUN:
+            # Pixels along a row are on a line: along the coordinate that changes most, at offsets of rounding from it.
+            change = (weights[end - 1, 0] - weights[begin, 0], weights[end - 1, 1] - weights[begin, 1])
+            along = 0 if abs(change[0]) >= abs(change[1]) else 1
+            slope = change[1 - along] / change[along] if change[along] != 0.0 else 0.0
+            low, high, least, most = np.inf, -np.inf, np.inf, -np.inf
+            for n in range(begin, end):
+                place = weights[n, along]
+                offset = weights[n, 1 - along] - slope * place
+                low, high, least, most = min(low, place), max(high, place), min(least, offset), max(most, offset)
+            for corner, place, offset in ((0, low, least), (1, low, most), (2, high, least), (3, high, most)):
+                corners[run, corner, along], corners[run, corner, 1 - along] = place, slope * place + offset
+        run, begin = run + 1, end
+    starts[run] = count
+    return Runs(starts, corners)
+
+
+class Views(NamedTuple):
+    """Points on faces as a pinhole camera sees them."""
+
+    places: NDArray[np.float64]
+    """Positions in the camera frame in mm, shape (n, 3); shape (0, 3) if they are not wanted."""
+    pixels: NDArray[np.float64]
+    """Pixel coordinates, NaN behind the camera, shape (n, 2); shape (0, 2) if they are not wanted."""
+    seen: NDArray[np.bool_]
+    """Whether each point is in the image, in front of the camera, with its side towards it, shape (n,)."""
+    unsure: NDArray[np.bool_]
+    """Which of them may be occluded by a face, shape (n,)."""
+
+
 def look_at_points(
     vertices: NDArray[np.float64],
     faces: NDArray[np.int32],
     face: NDArray[np.int32],
     weights: NDArray[np.float64],
-    sides: NDArray[np.bool_],
-    focal_px: float,
-    centre_x: float,
-    centre_y: float,
-    width: float,
-    height: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    fronts: NDArray[np.bool_],
+    face_body: NDArray[np.int32],
+    runs: Runs,
+    layers: Layers,
+    pinhole: tuple[float, float, float],
+    size: tuple[float, float],
+    *,
+    with_pixels: bool,
+    with_places: bool,
+) -> Views:
     """Project points on faces into a pinhole camera and select those in its image with their side towards it.
 
     ``vertices``: Positions in the camera frame in mm, shape (k, 3).
-    ``sides``: Whether each point is on the front of its face, shape (n,).
-    ``focal_px``, ``centre_x``, ``centre_y``: Focal length and principal point in px.
-    ``width``, ``height``: Size of the image in px, infinite to select points outside it as well.
-    Returns: Points in mm, shape (n, 3); pixel coordinates, shape (n, 2), NaN behind the camera; and whether the points
-    are in the image, in front of the camera, with their side towards it, shape (n,).
+    ``fronts``: Whether each point is on the front of its face, shape (n,).
+    ``face_body``: Body index of each face, shape (m,).
+    ``runs``: Runs of these points, which are selected as a whole where possible.
+    ``pinhole``: Focal length and principal point in px.
+    ``size``: Width and height of the image in px, infinite to select points outside it as well.
     """
     count = face.shape[0]
-    points = np.empty((count, 3), dtype=np.float64)
-    pixels = np.empty((count, 2), dtype=np.float64)
-    turned = np.empty(count, dtype=np.bool_)
-    out = (points, pixels, turned)
+    out = Views(
+        np.empty((count if with_places else 0, 3), dtype=np.float64),
+        np.empty((count if with_pixels else 0, 2), dtype=np.float64),
+        np.empty(count, dtype=np.bool_),
+        np.empty(count, dtype=np.bool_),
+    )
     # The first pixel centre is at 0.
-    first = -0.5 if np.isfinite(width) else -np.inf
-    camera = (focal_px, centre_x, centre_y, first, width - 0.5, height - 0.5)
-    in_bands(_look_at_points, count, vertices, faces, face, weights, sides, camera, out, least=_LEAST_POINTS)
+    first = -0.5 if np.isfinite(size[0]) else -np.inf
+    camera = (*pinhole, first, size[0] - 0.5, size[1] - 0.5)
+    given = (vertices, faces, face, weights, fronts, face_body, layers, camera, out)
+    if with_places or with_pixels:
+        in_bands(_look_at_points, count, *given, least=_LEAST_POINTS)
+    else:
+        in_bands(_look_at_runs, len(runs.corners), *given, runs, least=_LEAST_RUNS)
     return out
 
 
 @kernel(error_model="numpy")
 def _look_at_points(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], face: NDArray[np.int32],
-    weights: NDArray[np.float64], sides: NDArray[np.bool_], camera: tuple[float, ...], out: tuple[NDArray[Any], ...],
+    weights: NDArray[np.float64], fronts: NDArray[np.bool_], face_body: NDArray[np.int32], layers: Layers,
+    camera: tuple[float, ...], out: Views,
 ) -> None:  # fmt: skip
     focal_px, centre_x, centre_y, first, last_x, last_y = camera
-    points, pixels, turned = out
+    places, pixels, seen, unsure = out
+    boxes, nearest, nearest_body = layers.boxes, layers.nearest, layers.nearest_body
+    sides, inverse, several = layers.sides, layers.inverse, nearest_body.size > 1
+    body, top, left, rows, columns, start = -1, 0, 0, 0, 0, 0
+    with_places, with_pixels = places.shape[0] > 0, pixels.shape[0] > 0
+    known, front = np.int32(-1), False
+    ax, ay, az, ux, uy, uz, vx, vy, vz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(np.uint64(low), np.uint64(high)):
-        x, y, z, towards = _place(vertices, faces, face[n], weights[n, 0], weights[n, 1])
-        points[n, 0], points[n, 1], points[n, 2] = x, y, z
+        own = face[n]
+        # Most points are on the face of the point before.
+        if own != known:
+            known = own
+            i, j, k = faces[own, 0], faces[own, 1], faces[own, 2]
+            ax, ay, az = vertices[i, 0], vertices[i, 1], vertices[i, 2]
+            ux, uy, uz = vertices[j, 0] - ax, vertices[j, 1] - ay, vertices[j, 2] - az
+            vx, vy, vz = vertices[k, 0] - ax, vertices[k, 1] - ay, vertices[k, 2] - az
+            front, body = sides[own] & FRONT != 0, face_body[own]
+            top, left, rows, columns = 0, 0, 0, 0
+            if not sides[own] & IGNORED and layers.single.size > 0:
+                top, left, rows, columns = boxes[body, 0], boxes[body, 1], boxes[body, 2], boxes[body, 3]
+                start = layers.starts[body]
+        turned = front == fronts[n]
+        if not (turned or with_places or with_pixels):
+            seen[n] = unsure[n] = False
+            continue
+        b1, b2 = weights[n, 0], weights[n, 1]
+        x, y, z = ax + b1 * ux + b2 * vx, ay + b1 * uy + b2 * vy, az + b1 * uz + b2 * vz
+        if with_places:
+            places[n, 0], places[n, 1], places[n, 2] = x, y, z
+        px, py = np.nan, np.nan
         if z > 0.0:
             px, py = focal_px * x / z + centre_x, focal_px * y / z + centre_y
+        if with_pixels:
             pixels[n, 0], pixels[n, 1] = px, py
-            turned[n] = towards == sides[n] and first <= px <= last_x and first <= py <= last_y
-        else:
-            pixels[n, 0] = pixels[n, 1] = np.nan
-            turned[n] = False
+        # Comparisons with NaN are false.
+        here = turned & (first <= px) & (px <= last_x) & (first <= py) & (py <= last_y)
+        seen[n] = here
+        unsure[n] = here
+        if not here:
+            continue
+        across, down = (px + 0.5) * inverse, (py + 0.5) * inverse
+        column, row = across - left, down - top
+        inside = (min(across, column) >= 0.0) & (column < columns) & (min(down, row) >= 0.0) & (row < rows)
+        if inside and layers.single[np.uint64(start + int(row) * columns + int(column))]:
+            behind = np.inf
+            if several:
+                m, o = np.uint64(down), np.uint64(across)
+                behind = nearest[m, o, 1 if nearest_body[m, o] == body else 0]
+            unsure[n] = not z < behind
+
+
+@kernel(error_model="numpy")
+def _look_at_runs(
+    low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], face: NDArray[np.int32],
+    weights: NDArray[np.float64], fronts: NDArray[np.bool_], face_body: NDArray[np.int32], layers: Layers,
+    camera: tuple[float, ...], out: Views, runs: Runs,
+) -> None:  # fmt: skip
+    """Select points run by run, as far as all points of a run are alike."""
+    focal_px, centre_x, centre_y = camera[0], camera[1], camera[2]
+    inverse, sides, seen, unsure = layers.inverse, layers.sides, out.seen, out.unsure
+    pending = np.uint64(runs.starts[low])  # first point that is not decided yet
+    for run in range(np.uint64(low), np.uint64(high)):
+        begin, end = np.uint64(runs.starts[run]), np.uint64(runs.starts[run + np.uint64(1)])
+        own = face[begin]
+        # All points of a run are on the same side of their face.
+        turned = (sides[own] & FRONT != 0) == fronts[begin]
+        clear = False
+        if turned and not sides[own] & IGNORED and end - begin >= np.uint64(_SHORTEST_RUN):
+            low_x, high_x, low_y, high_y, depth, least = np.inf, -np.inf, np.inf, -np.inf, 0.0, np.inf
+            for corner in range(4):
+                x, y, z = _place(vertices, faces, own, runs.corners[run, corner, 0], runs.corners[run, corner, 1])
+                px, py = focal_px * x / z + centre_x, focal_px * y / z + centre_y
+                low_x, high_x, low_y, high_y = min(low_x, px), max(high_x, px), min(low_y, py), max(high_y, py)
+                depth, least = max(depth, z), min(least, z)
+            low_x, high_x = (low_x + 0.5) * inverse, (high_x + 0.5) * inverse
+            low_y, high_y = (low_y + 0.5) * inverse, (high_y + 0.5) * inverse
+            clear = least > 0.0 and are_clear(layers, face_body[own], low_x, high_x, low_y, high_y, depth)
+        if turned and not clear:
+            continue
+        if pending < begin:
+            _look_at_points(pending, begin, vertices, faces, face, weights, fronts, face_body, layers, camera, out)
+        pending = end
+        for n in range(begin, end):
+            seen[n] = turned
+            unsure[n] = False
+    end = np.uint64(runs.starts[high])
+    if pending < end:
+        _look_at_points(pending, end, vertices, faces, face, weights, fronts, face_body, layers, camera, out)
 
 
 @kernel()
 def sort_into_cells(
-    points: NDArray[np.float64], pixels: NDArray[np.float64], chosen: NDArray[np.bool_], face: NDArray[np.int32],
-    focal_px: float, centre_x: float, centre_y: float,
+    chosen: NDArray[np.int64], vertices: NDArray[np.float64], faces: NDArray[np.int32], face: NDArray[np.int32],
+    weights: NDArray[np.float64], focal_px: float, centre_x: float, centre_y: float,
 ) -> Any:  # fmt: skip
-    """Sort chosen points in front of a pinhole camera (camera frame, mm), with their faces, into cells of its image."""
-    count = 0
+    """Sort chosen points on faces, in front of a pinhole camera (camera frame, mm), into cells of its image."""
+    count = chosen.shape[0]
+    points, pixels = np.empty((count, 3), dtype=np.float64), np.empty((count, 2), dtype=np.float64)
     low_x, high_x, low_y, high_y = np.inf, -np.inf, np.inf, -np.inf
-    for n in range(np.uint64(points.shape[0])):
-        if chosen[n]:
-            x, y = pixels[n, 0], pixels[n, 1]
-            low_x, high_x, low_y, high_y = min(low_x, x), max(high_x, x), min(low_y, y), max(high_y, y)
-            count += 1
+    for m in range(np.uint64(count)):
+        n = np.uint64(chosen[m])
+        x, y, z = _place(vertices, faces, face[n], weights[n, 0], weights[n, 1])
+        points[m, 0], points[m, 1], points[m, 2] = x, y, z
+        x, y = focal_px * x / z + centre_x, focal_px * y / z + centre_y
+        pixels[m, 0], pixels[m, 1] = x, y
+        low_x, high_x, low_y, high_y = min(low_x, x), max(high_x, x), min(low_y, y), max(high_y, y)
     if count == 0:
         low_x, high_x, low_y, high_y = 0.0, 0.0, 0.0, 0.0
     wide, high = high_x - low_x, high_y - low_y
@@ -165,29 +306,23 @@ def sort_into_cells(
     columns, rows = int(wide * inverse) + 1, int(high * inverse) + 1
     starts = np.zeros(rows * columns + 1, dtype=np.int32)
     cells = np.empty(count, dtype=np.int32)
-    used = np.uint64(0)
-    for n in range(np.uint64(points.shape[0])):
-        if chosen[n]:
-            column = min(int((pixels[n, 0] - low_x) * inverse), columns - 1)
-            row = min(int((pixels[n, 1] - low_y) * inverse), rows - 1)
-            cell = np.uint64(row * columns + column)
-            cells[used] = cell
-            starts[cell + np.uint64(1)] += 1
-            used += np.uint64(1)
+    for m in range(np.uint64(count)):
+        column = min(int((pixels[m, 0] - low_x) * inverse), columns - 1)
+        row = min(int((pixels[m, 1] - low_y) * inverse), rows - 1)
+        cell = np.uint64(row * columns + column)
+        cells[m] = cell
+        starts[cell + np.uint64(1)] += 1
     for k in range(rows * columns):
         starts[k + 1] += starts[k]
     place = starts[:-1].copy()
-    order, own = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int32)
+    order, own = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int32)
     places = np.empty((3, count), dtype=np.float64)
-    used = np.uint64(0)
-    for n in range(np.uint64(points.shape[0])):
-        if chosen[n]:
-            cell = np.uint64(cells[used])
-            at = np.uint64(place[cell])
-            order[at], own[at] = n, face[n]
-            places[0, at], places[1, at], places[2, at] = points[n, 0], points[n, 1], points[n, 2]
-            place[cell] += 1
-            used += np.uint64(1)
+    for m in range(np.uint64(count)):
+        cell = np.uint64(cells[m])
+        at = np.uint64(place[cell])
+        order[at], own[at] = chosen[m], face[chosen[m]]
+        places[0, at], places[1, at], places[2, at] = points[m, 0], points[m, 1], points[m, 2]
+        place[cell] += 1
     low_u, low_v = (low_x - centre_x) / focal_px, (low_y - centre_y) / focal_px
     return Cells(order, places, own, starts, low_u, low_v, edge / focal_px, columns, rows)
 
@@ -243,6 +378,12 @@ def _hide_points(
                 continue
             left, right = int(max(first, 0.0)), int(min(last, columns - 1.0))
             top, bottom = int(max(upper, 0.0)), int(min(lower, rows - 1.0))
+        # Most faces are over cells without points.
+        for row in range(top, bottom + 1):
+            if starts[row * columns + left] != starts[row * columns + right + 1]:
+                break
+        else:
+            continue
         abx, aby, abz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
         bcx, bcy, bcz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
         cax, cay, caz = cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax

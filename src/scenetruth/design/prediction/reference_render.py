@@ -55,7 +55,7 @@ def render_reference(scene: Scene, *, complete: bool = False) -> ReferenceRender
     maps = truth_maps(geometry, scene.camera, reference.viewpoint, stage.baseline_mm, extent)
     places = [[(moment.t, moment.viewpoint) for moment in row] for row in moments]
     follower = PointTracker(geometries, scene.camera, places, "standard")
-    points = PixelPoints(maps, geometry, reference.viewpoint)
+    points = PixelPoints(maps, geometry, scene.camera, reference.viewpoint)
     size = (scene.camera.height, scene.camera.width)
     shown = np.zeros((len(cameras), frames.count, *size), dtype=np.bool_)
     # Iterate by frame: the geometry of a time is cached.
