@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from types import UnionType
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from scenetruth.errors import Problem
 
-__all__ = ["keys_in", "list_problems", "listed", "nearest_words", "question", "suggest_word"]
+__all__ = [
+    "keys_in", "kinds_of", "list_problems", "listed", "models_in", "nearest_words", "question", "suggest_word",
+]  # fmt: skip
 
 Words = Callable[[ErrorDetails, str], str | None]
 """Return the message of an entry at a path, where a format has words of its own; None for those of all formats."""
@@ -132,7 +133,7 @@ def _message(entry: ErrorDetails, path: str, model: type[BaseModel] | None) -> s
                 return f"`kind` must be one of {kinds}"
             return f"unknown `kind`: '{tag}' is not one of {kinds}" + suggest_word(tag, re.findall(r"'([^']*)'", kinds))
         case "union_tag_not_found":
-            kinds = [kind for each in _models_at(model, entry["loc"]) for kind in _kinds_of(each)] if model else []
+            kinds = [kind for each in _models_at(model, entry["loc"]) for kind in kinds_of(each)] if model else []
             return "requires `kind`" + (f", one of {str(sorted(kinds))[1:-1]}" if kinds else "")
     return message
 
@@ -192,7 +193,11 @@ def nearest_words(word: str, known: Iterable[str], least: float = _LIKE) -> list
 def _likeness(known: str, word: str) -> float:
     import difflib
 
-    ratio = difflib.SequenceMatcher(None, known, word).ratio()
+    matcher = difflib.SequenceMatcher(None, known, word)
+    ratio = matcher.ratio()
+    if ratio < _LIKE <= matcher.quick_ratio():
+        # The longest common part is taken first, from the start: repeated letters may hide a longer one from the end.
+        ratio = max(ratio, difflib.SequenceMatcher(None, known[::-1], word[::-1]).ratio())
     # Names without their unit suffix count as similar.
     return max(ratio, _WITHOUT_UNIT) if known.startswith(f"{word}_") else ratio
 
@@ -220,25 +225,28 @@ def _models_at(model: type[BaseModel], loc: Sequence[str | int]) -> list[type[Ba
             for each in models
             for name, field in each.model_fields.items()
             if key in (name, field.alias)
-            for part in _models_in(field.annotation)
+            for _, part in models_in(field.annotation)
         ]
-        models = inner or [each for each in models if key in _kinds_of(each)] or models
+        models = inner or [each for each in models if key in kinds_of(each)] or models
     return models
 
 
-def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+def models_in(annotation: Any, in_list: bool = False) -> Iterator[tuple[bool, type[BaseModel]]]:
+    """Yield the models of a type, each with whether it is in a list."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield annotation
-    elif get_origin(annotation) is not None or isinstance(annotation, UnionType | type(Union[int, str])):  # noqa: UP007
+        yield in_list, annotation
+        return
+    origin = get_origin(annotation)
+    if origin is not Literal:
         for part in get_args(annotation):
-            yield from _models_in(part)
+            yield from models_in(part, in_list or origin in (tuple, list))
 
 
 def _keys_of(models: Iterable[type[BaseModel]]) -> set[str]:
     return {field.alias or name for model in models for name, field in model.model_fields.items()}
 
 
-def _kinds_of(model: type[BaseModel]) -> tuple[str, ...]:
+def kinds_of(model: type[BaseModel]) -> tuple[str, ...]:
     """Return the values of the field `kind` of a member of a union."""
     kind = model.model_fields.get("kind")
     return get_args(kind.annotation) if kind is not None and get_origin(kind.annotation) is Literal else ()

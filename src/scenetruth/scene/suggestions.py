@@ -6,13 +6,12 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel
 
 from scenetruth.estimators import MethodChoice, choose
 from scenetruth.scene.scene_models import Scene
-from scenetruth.validation_problems import listed, nearest_words, question
+from scenetruth.validation_problems import kinds_of, listed, models_in, nearest_words, question
 
 __all__ = ["collect_keys", "suggest_key", "suggest_setting"]
 
@@ -151,19 +150,8 @@ def _list_models(model: type[BaseModel], field: str) -> list[tuple[bool, type[Ba
     """Return the models allowed in a field, and whether in a list."""
     if model is MethodChoice:
         return []
-    return list(_models_in(model.model_fields[field].annotation))
-
-
-def _models_in(annotation: Any, listed: bool = False) -> Iterator[tuple[bool, type[BaseModel]]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        yield listed, annotation
-        return
-    origin = get_origin(annotation)
-    if origin is not Literal:
-        for part in get_args(annotation):
-            yield from _models_in(part, listed or origin in (tuple, list))
+    return list(models_in(model.model_fields[field].annotation))
 
 
 def _get_kind(model: type[BaseModel]) -> str:
-    field = model.model_fields.get("kind")
-    return str(get_args(field.annotation)[0]) if field is not None and get_origin(field.annotation) is Literal else ""
+    return next(iter(kinds_of(model)), "")

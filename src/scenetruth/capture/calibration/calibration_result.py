@@ -5,25 +5,29 @@ from __future__ import annotations
 import hashlib
 import io
 import math
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, ValidationError
 
 from scenetruth.camera import Camera, Viewpoint
 from scenetruth.capture.calibration.bundle_adjustment import ViewResidual
+from scenetruth.capture.calibration.calibration_file import (
+    covariance_problem,
+    parameter_names,
+    read_calibration_file,
+    visits_problem,
+)
 from scenetruth.capture.calibration.diagnostics import Combination
 from scenetruth.capture.calibration.measurement_covariance import CommonError, Moment, RigGeometry, common_error
 from scenetruth.capture.calibration.rig_model import (
     INTRINSICS,
-    STAGE,
+    MOTION,
     CalibrationError,
     RigLayout,
     RigPriors,
@@ -32,80 +36,15 @@ from scenetruth.capture.calibration.rig_model import (
 from scenetruth.errors import Problem
 from scenetruth.number_format import format_two_digits, format_with_std
 from scenetruth.output import check_output, write_atomically
-from scenetruth.scene.yaml_reader import read_text, read_yaml
-from scenetruth.validated_model import Finite, FrozenModel, NonNegative
-from scenetruth.validation_problems import list_problems
 
 __all__ = ["RigCalibration"]
 
 Array = NDArray[np.float64]
 
-_ROUNDING = 1e-9
-"""Relative rounding of a covariance in float64 with parameters of different units."""
-_STD_DIGITS = 1e-4
-"""Relative difference of a standard deviation in the YAML file from that of the covariance; it has six digits."""
 _STRONG = 0.8
 _GAUGE, _LISTED = 1e-2, 5
 """Combinations of less information belong to the choice of the frame; and the number of lines in a summary."""
 _UNITS = {"f": "px", "c_x": "px", "c_y": "px", "axis_y": "rad", "axis_z": "rad", "step_scale": "", "backlash": "mm"}
-
-
-_MOTION = ("pitch", "yaw", "roll", "x", "y", "z")
-
-
-class _Parameter(FrozenModel):
-    value: Finite
-    std: NonNegative
-    prior_std: NonNegative | None
-
-
-class _Image(FrozenModel):
-    name: str
-    points: Annotated[int, Field(ge=0)]
-    excluded: Annotated[int, Field(ge=0)]
-    mean_square: NonNegative
-    rms_px: NonNegative
-    consistent: bool
-
-
-class _Combination(FrozenModel):
-    ratio: NonNegative
-    words: str
-
-
-class _Size(FrozenModel):
-    width: Annotated[int, Field(ge=1, le=32768)]
-    height: Annotated[int, Field(ge=1, le=32768)]
-    bit_depth: Annotated[int, Field(ge=1, le=32)] | None = None
-
-
-class _Positions(FrozenModel):
-    positions_mm: Annotated[tuple[Finite, ...], Field(min_length=1, max_length=1001)]
-    reference: Annotated[int, Field(ge=0)]
-
-
-class _Covariance(FrozenModel):
-    file: str
-    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
-
-
-class _CalibrationFile(FrozenModel):
-    """Fields of a calibration file."""
-
-    format: Literal[1]
-    camera: _Size
-    stage: _Positions
-    visits: tuple[Annotated[int, Field(ge=0)], ...]
-    targets: tuple[str, ...]
-    parameters: dict[str, _Parameter]
-    chi2: NonNegative
-    dof: Annotated[int, Field(ge=0)]
-    images: tuple[_Image, ...]
-    warnings: tuple[str, ...]
-    combinations: tuple[_Combination, ...]
-    measured_visits: tuple[tuple[Annotated[int, Field(ge=0)], ...], ...] = ()
-    measured_images: str = ""
-    covariance: _Covariance
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +154,7 @@ class RigCalibration:
         """
         positions = np.array(positions_mm, dtype=np.float64)
         visits = () if priors is None else (0,)
-        names = _parameter_names(len(positions), visits, ())
+        names = parameter_names(len(positions), visits, ())
         values, deviations = np.zeros(len(names)), np.zeros(len(names))
         values[:3] = camera.focal_px, *camera.principal_point
         if camera.distortion is not None:
@@ -317,13 +256,13 @@ class RigCalibration:
         if not self.measured_visits:
             return self
         visits = tuple(visit for each in self.measured_visits for visit in each)
-        names = _parameter_names(len(self.positions_mm), visits, self.targets)
+        names = parameter_names(len(self.positions_mm), visits, self.targets)
         places = {name: index for index, name in enumerate(self.names)}
         matrix = np.zeros((len(names), len(self.names)))
         matrix[np.arange(len(names)), [places[name] for name in names]] = 1.0
         rows = {name: index for index, name in enumerate(names)}
         for position, each in enumerate(self.measured_visits):
-            for motion in _MOTION:
+            for motion in MOTION:
                 columns = [places[f"visit[{visit}].{motion}"] for visit in each]
                 matrix[rows[f"position[{position}].{motion}"], columns] += 1 / len(each)
                 for visit in each:
@@ -424,7 +363,7 @@ class RigCalibration:
         return "\n".join(lines)
 
     def _problems(self) -> list[Problem]:
-        expected = _parameter_names(len(self.positions_mm), self.visits, self.targets)
+        expected = parameter_names(len(self.positions_mm), self.visits, self.targets)
         if tuple(self.names) != expected:
             return [Problem("names", f"must be the {len(expected)} parameters of the rig; got {len(self.names)}")]
         problems = []
@@ -434,12 +373,8 @@ class RigCalibration:
             problems.append(Problem("values", f"must be {len(expected)} finite numbers"))
         elif self.values[0] <= 0:
             problems.append(Problem("parameters.f", "must be positive", float(self.values[0])))
-        listed = [visit for each in self.measured_visits for visit in each]
-        shape = {len(each) for each in self.measured_visits}
-        if listed and (len(self.measured_visits) != len(self.positions_mm) or len(shape) != 1 or 0 in shape):
-            problems.append(Problem("measured_visits", "must list as many visits for every position"))
-        elif not set(listed) <= set(self.visits) or len(set(listed)) < len(listed):
-            problems.append(Problem("measured_visits", "must be different visits of the calibration"))
+        message = visits_problem(self.measured_visits, self.visits, len(self.positions_mm))
+        problems += [Problem("measured_visits", message)] if message else []
         message = covariance_problem(self.covariance, self.names)
         return problems + ([Problem("covariance", message)] if message else [])
 
@@ -541,107 +476,15 @@ class RigCalibration:
             A `CalibrationError` that lists every problem, among them a matrix that is no covariance.
         """
         file = Path(path)
-        try:
-            plain, problems = read_yaml(read_text(file, "a calibration file"))
-        except OSError as error:
-            raise CalibrationError([Problem("", f"cannot be read: {error.strerror or error}")], file) from error
-        except ValueError as error:
-            raise CalibrationError([Problem("", str(error))], file) from error
-        if problems:
-            raise CalibrationError(problems, file)
-        try:
-            given = _CalibrationFile.model_validate(plain)
-        except ValidationError as error:
-            raise CalibrationError(list_problems(error, plain, model=_CalibrationFile), file) from error
-        return cls._from_file(given, file)
-
-    @classmethod
-    def _from_file(cls, given: _CalibrationFile, file: Path) -> RigCalibration:
-        names = _parameter_names(len(given.stage.positions_mm), given.visits, given.targets)
-        problems = [
-            Problem(f"parameters.{name}", "is no parameter of this rig; remove it")
-            for name in given.parameters
-            if name not in names
-        ]
-        covariance, message = _read_covariance(file.with_name(Path(given.covariance.file).name), given, names)
-        if message:
-            problems.append(Problem("covariance", message))
-        if covariance is not None:
-            deviations = np.sqrt(np.diag(covariance))
-            for name, std in zip(names, deviations, strict=True):
-                stated = given.parameters[name].std if name in given.parameters else 0.0
-                if abs(stated - std) > _STD_DIGITS * std:
-                    message = f"is {std:.6g} in the covariance; calibrate again instead of editing the file"
-                    problems.append(Problem(f"parameters.{name}.std", message, stated))
-        if problems or covariance is None:
-            raise CalibrationError(problems, file)
+        given, covariance = read_calibration_file(file)
+        names = parameter_names(len(given.stage.positions_mm), given.visits, given.targets)
         listed = [given.parameters.get(name) for name in names]
         values = np.array([0.0 if each is None else each.value for each in listed])
         priors = [0.0 if each is None else math.inf if each.prior_std is None else each.prior_std for each in listed]
-        try:
-            return cls(
-                given.camera.width, given.camera.height, np.array(given.stage.positions_mm), given.stage.reference,
-                names, values, covariance, np.array(priors), given.visits, given.targets, given.chi2, given.dof,
-                tuple(ViewResidual(**each.model_dump()) for each in given.images), given.warnings,
-                tuple(Combination(**each.model_dump()) for each in given.combinations), given.camera.bit_depth,
-                given.measured_visits, given.measured_images,
-            )  # fmt: skip
-        except CalibrationError as error:
-            raise CalibrationError(error.problems, file) from error
-
-
-def _parameter_names(positions: int, visits: Sequence[int], targets: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the parameters of a rig, in their order."""
-    names = [*INTRINSICS, *STAGE]
-    names += [f"position[{index}].{name}" for index in range(positions) for name in _MOTION]
-    names += [f"visit[{visit}].{name}" for visit in visits for name in _MOTION]
-    names += [f"{target}.{name}" for target in targets for name in ("scale", "warp_uu", "warp_uv", "warp_vv")]
-    return tuple(names)
-
-
-def covariance_problem(matrix: Array, names: Sequence[str]) -> str:
-    """Return why a matrix is no covariance of parameters; empty if it is one."""
-    count = len(names)
-    if matrix.shape != (count, count):
-        return f"must be a matrix of {count} x {count} values, and has the shape {matrix.shape}"
-    if not np.isfinite(matrix).all():
-        return "must be finite"
-    diagonal = np.diag(matrix)
-    if (diagonal < 0).any():
-        return f"has a negative variance of {names[int(np.argmin(diagonal))]}"
-    deviations = np.sqrt(diagonal)
-    scale = np.where(deviations > 0, deviations, 1.0)
-    correlations = matrix / scale[:, None] / scale
-    asymmetry = np.abs(correlations - correlations.T)
-    if asymmetry.max(initial=0.0) > _ROUNDING:
-        i, j = divmod(int(np.argmax(asymmetry)), count)
-        return f"is not symmetric for {names[i]} and {names[j]}"
-    fixed = deviations == 0
-    if np.abs(correlations[fixed]).max(initial=0.0) > 0:
-        return "has covariances of a parameter without a variance"
-    least = float(np.linalg.eigvalsh(correlations[~fixed][:, ~fixed]).min(initial=1.0))
-    if least < -_ROUNDING * max(count, 1):
-        return f"is not positive semidefinite: its correlations have the eigenvalue {format_two_digits(least)}"
-    return ""
-
-
-def _read_covariance(file: Path, given: _CalibrationFile, names: Sequence[str]) -> tuple[Array | None, str]:
-    """Return the covariance of a file, or None and the problem."""
-    try:
-        content = file.read_bytes()
-    except OSError as error:
-        return None, f"{file.name} cannot be read: {error.strerror}; keep it next to the calibration file"
-    if hashlib.sha256(content).hexdigest() != given.covariance.sha256:
-        return None, f"{file.name} has changed or belongs to another calibration; copy both files together"
-    try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-            stored, matrix = tuple(arrays["names"].tolist()), arrays["covariance"]
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        return None, f"{file.name} is no file of a covariance: {error}"
-    if matrix.dtype.kind != "f":
-        return None, f"{file.name} must have a covariance of real numbers, and has {matrix.dtype}"
-    matrix = np.asarray(matrix, dtype=np.float64)
-    if stored != tuple(names):
-        return None, f"{file.name} has other parameters than the calibration file"
-    message = covariance_problem(matrix, names)
-    return (None, message) if message else (matrix, "")
+        return cls(
+            given.camera.width, given.camera.height, np.array(given.stage.positions_mm), given.stage.reference,
+            names, values, covariance, np.array(priors), given.visits, given.targets, given.chi2, given.dof,
+            tuple(ViewResidual(**each.model_dump()) for each in given.images), given.warnings,
+            tuple(Combination(**each.model_dump()) for each in given.combinations), given.camera.bit_depth,
+            given.measured_visits, given.measured_images,
+        )  # fmt: skip
