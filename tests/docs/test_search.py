@@ -43,6 +43,14 @@ QUESTIONS = {
     "resume an interrupted run": "how_to/run_from_cli",
     "environment variables": "reference/environment",
     "occlusion": "reference/data_model",
+    "license": "index",
+    "paraview": "how_to/export",
+    "MatchID": "how_to/export",
+    "train a network": "how_to/generate_data_sets",
+    "depth of field": "how_to/scenes/camera_effects",
+    "bayer": "explanation/demosaicing",
+    "plant leaf": "how_to/scenes/surfaces",
+    "NaN": "reference/data_model",
 }
 # Rare words of decisions and of the changelog: these pages are found, but last.
 RARE = ("embree", "pydantic", "interrupted")

@@ -10,6 +10,7 @@ from typing import Any
 import h5py
 import meshio
 import numpy as np
+import pytest
 import xarray as xr
 
 import scenetruth as st
@@ -59,6 +60,19 @@ def test_surface_of_an_estimate_has_the_standard_deviations_of_its_displacements
     np.testing.assert_allclose(found, np.tile(stds, (len(mesh.points), 1)), rtol=1e-6)
 
 
+def test_paraview_has_the_files_with_their_times(tmp_path: Path) -> None:
+    recording = st.make_recording(np.zeros((2, 3, 9, 12)), focal_length_px=80, baseline_mm=4, frame_interval_s=3600)
+    frames = recording["t"].values
+    maps = np.full((3, 9, 12), 100.0), np.zeros((3, 3, 9, 12))
+    estimate = st.make_estimate(recording=recording, depth=maps[0], velocity=maps[1], t=frames)
+    folder = st.export((recording, estimate), "vtu", output=tmp_path / "vtu", window=3, step=2).folder
+    listed = ET.parse(folder / "surface.pvd").getroot().findall("Collection/DataSet")
+    assert [(each.attrib["timestep"], each.attrib["file"]) for each in listed] == [
+        (repr(t * 3600.0), f"s+0_t{t:+d}.vtu") for t in frames.tolist()
+    ]
+    assert all((folder / each.attrib["file"]).is_file() for each in listed)
+
+
 def test_cells_are_whole_squares_of_one_object(export: Export, truth: xr.Dataset) -> None:
     mesh = read_mesh(export("vtu", **GAUGE).folder / "s+0_t+0.vtu")
     (cells,) = mesh.cells
@@ -98,6 +112,10 @@ def test_hdf5_describes_itself(export: Export, truth: xr.Dataset) -> None:
         np.testing.assert_array_equal(file["strain"]["exx"][()], strain["exx"].values)
         assert file["strain"].attrs["gauge_length_px"] == strain.attrs["gauge_length_px"]
         assert file["strain"]["angle"].attrs["units"] == "rad"
+        # Times and frames are those of the maps, not of the first frame.
+        for name in ("t", "time_s"):
+            np.testing.assert_array_equal(file["strain"][name][()], truth[name].values)
+        assert file["strain"].attrs["gauge_length_mm"] == pytest.approx(strain.attrs["gauge_length_mm"], rel=0.05)
 
 
 def test_hdf5_of_a_depth_map_has_no_strain(recording: xr.Dataset, truth: xr.Dataset, tmp_path: Path) -> None:

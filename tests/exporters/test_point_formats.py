@@ -85,6 +85,25 @@ def test_programs_find_the_same_numbers_in_their_own_columns(export: Export, for
         np.testing.assert_array_equal(other[column], own[f"{name} [{unit}]"])
 
 
+@pytest.mark.parametrize(
+    ("measure", "name"), [("green_lagrange", "Lagrange"), ("hencky", "Hencky"), ("engineering", "engr.")]
+)
+def test_headings_of_vic_state_the_tensor(export: Export, measure: str, name: str) -> None:
+    found = pd.read_csv(export("vic3d", measure=measure, **GAUGE).folder / TABLES["vic3d"])
+    assert [column for column in found if column.startswith("e")] == [
+        f"{each} [1] - {name}" for each in ("exx", "eyy", "exy", "e1", "e2")
+    ]
+
+
+def test_files_of_dice_sort_by_their_frames(tmp_path: Path) -> None:
+    """Numbers have as many digits as the number of frames, as those of the program."""
+    recording = st.make_recording(np.zeros((2, 12, 9, 12)), focal_length_px=80, baseline_mm=4)
+    maps = np.full((12, 9, 12), 100.0), np.zeros((3, 12, 9, 12))
+    estimate = st.make_estimate(recording=recording, depth=maps[0], velocity=maps[1], t=recording["t"].values)
+    folder = st.export((recording, estimate), "dice", output=tmp_path / "dice", window=3, step=2).folder
+    assert sorted(file.name for file in folder.glob("*.txt")) == [f"DICe_solution_{n:02d}.txt" for n in range(12)]
+
+
 def test_image_motion_and_sigma_of_vic_and_dice(export: Export, truth: xr.Dataset) -> None:
     own, vic, dice = (table(export, format) for format in ("point_csv", "vic3d", "dice"))
     flow = at_points(truth["flow_next"].sel(s=0, t=0), own)

@@ -70,6 +70,13 @@ def test_missing_fields_are_not_invented(recording: xr.Dataset) -> None:
     assert not any("nan" in each.value for each in report.fields)
 
 
+def test_results_of_other_programs_are_stated_as_theirs(recording: xr.Dataset) -> None:
+    depth = np.full((2, 30, 40), 400.0)
+    for method, software in (("al-dic-3d", "al-dic-3d"), ("refined", "scenetruth, method refined")):
+        estimate = st.make_estimate(recording=recording, depth=depth, method=method)
+        assert values(st.report_good_practice(recording, estimate))["Software"][0] == software
+
+
 def test_unknown_subset_leaves_the_gauge_open(recording: xr.Dataset, estimate: xr.Dataset) -> None:
     other = estimate.assign_attrs(settings="{}", method="external")
     found = values(st.report_good_practice(recording, other, st.compute_strain(other)))

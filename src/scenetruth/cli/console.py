@@ -408,10 +408,12 @@ def print_main_figures(scored: Score, method: str) -> None:
     from rich.table import Table
 
     from scenetruth.errors import visible
+    from scenetruth.number_format import format_number
     from scenetruth.scoring.quantities import get_title, get_units
-    from scenetruth.scoring.score_result import select_summary_quantities
+    from scenetruth.scoring.score_result import find_growing_objects, select_summary_quantities
 
     shown, interior = select_summary_quantities(scored.regions, grows=scored.grows), scored.regions["interior"]
+    growing = find_growing_objects(scored.regions)
     table = Table(title=visible(f"errors of {method}, region interior", lines=False), title_justify="left")
     table.add_column("quantity", min_width=13)
     # Columns are omitted rather than digits.
@@ -421,12 +423,16 @@ def print_main_figures(scored: Score, method: str) -> None:
     for name in (next((one for one in several if one in shown), None) for several in _MAIN):
         if name is None:
             continue
+        entries, title = interior[name], get_title(name)
+        # Growth of soil is zero, and its errors are not those of the leaf before it.
+        if name in _GROWTH and growing is not None:
+            entries, title = growing.values(scored.regions, name), visible(f"{title}, {growing.names}", lines=False)
         rms, median, relative, density = (
-            interior[name].get(key) for key in ("rmse", "median_abs_error", "relative_rmse", "density")
+            entries.get(key) for key in ("rmse", "median_abs_error", "relative_rmse", "density")
         )
         shares = ("–" if value is None else format_share(value) for value in (relative, density))
         values = (format_number(value) for value in (rms, median))
-        table.add_row(get_title(name), *[*values, get_units(name), *shares][: len(headings)])
+        table.add_row(title, *[*values, get_units(name), *shares][: len(headings)])
     make_console().print(table)
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from xml.etree import ElementTree
 
 import numpy as np
 import xarray as xr
@@ -34,8 +35,9 @@ class Vtu(PointOptions):
     mm. Point data, with units in their names: ``displacement [mm]`` to the next frame, ``exx [1]``, ``eyy [1]``,
     ``exy [1]``, ``e1 [1]``, ``e2 [1]``, ``angle [deg]``, ``pixel [px]``, and if available their standard deviations
     (``exx_std [1]``, ``displacement_std [mm]``), ``depth_std [mm]``, ``growth_rate [1/frame]``. Strain is NaN where too
-    few neighbours are valid. No quadrilateral connects surfaces at a depth step of more than 80°, or two objects of a
-    truth. Numbers are float64. Lost: images, other cameras.
+    few neighbours are valid. ``surface.pvd`` lists the files with their times in seconds: ParaView opens it as a series
+    in time. No quadrilateral connects surfaces at a depth step of more than 80°, or two objects of a truth. Numbers are
+    float64. Lost: images, other cameras.
     """
 
     kind: Literal["vtu"] = "vtu"
@@ -71,7 +73,19 @@ class Vtu(PointOptions):
             )
             mesh.write(folder / f"{image_name(0, t)}.vtu", file_format="vtu")
             count, gauge = count + len(points), float(frame.maps.attrs["gauge_length_px"])
+        _write_series(source, folder)
         return self.notes(source, gauge, count)
+
+
+def _write_series(source: ExportSource, folder: Path) -> None:
+    """Write the list of the files of all frames with their times, in ParaView's format."""
+    interval = float(source.recording.attrs["frame_interval_s"])
+    root = ElementTree.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
+    files = ElementTree.SubElement(root, "Collection")
+    for t in source.frames:
+        ElementTree.SubElement(files, "DataSet", timestep=repr(t * interval), part="0", file=f"{image_name(0, t)}.vtu")
+    ElementTree.indent(root)
+    ElementTree.ElementTree(root).write(folder / "surface.pvd", encoding="utf-8", xml_declaration=True)
 
 
 def _quadrilaterals(frame: SurfaceFrame, source: ExportSource) -> NDArray[np.int64]:
@@ -129,13 +143,23 @@ class Hdf5(PointOptions):
             _write_group(file.create_group("truth" if source.is_truth else "estimate"), source.maps)
             if moving:
                 frames = [frame.maps.expand_dims("t") for _, frame in self.frames(source)]
-                strain = xr.concat(
-                    frames, "t", data_vars="all", coords="minimal", compat="override", combine_attrs="drop_conflicts"
-                )
-                _write_group(file.create_group("strain"), strain)
+                _write_group(file.create_group("strain"), _joined(frames))
             if self.images:
                 _write_group(file.create_group("recording"), source.recording)
         return [] if moving else ["no strain: it needs depth and motion"]
+
+
+def _joined(frames: list[xr.Dataset]) -> xr.Dataset:
+    """Return the strain of all frames, with the time of each, and the medians of their image scale and gauge."""
+    times = [name for name in ("time_s",) if name in frames[0].coords]
+    found = xr.concat(
+        frames, "t", data_vars="all", coords=times, compat="override", combine_attrs="drop_conflicts", join="exact"
+    )
+    for name in ("gauge_length_mm", "mm_per_px"):
+        stated = [frame.attrs[name] for frame in frames if name in frame.attrs]
+        if stated:
+            found.attrs[name] = float(np.median(stated))
+    return found
 
 
 def _write_group(group: h5py.Group, dataset: xr.Dataset) -> None:

@@ -15,7 +15,8 @@ from scenetruth.exporters.surface_points import STRAINS, PointTable, SurfaceFram
 
 __all__ = ["DicePoints", "MatchidPoints", "PointCsv", "Vic3dPoints"]
 
-_MEASURES = {"green_lagrange": "Lagrange", "hencky": "Hencky", "engineering": "Engineering"}
+_MEASURES = {"green_lagrange": "Lagrange", "hencky": "Hencky", "engineering": "engr."}
+"""Names of the strain tensors in the headings of VIC-3D."""
 
 _SUCCESSFUL, _FAILED = 4, 8
 """Status flags of DICe: INITIALIZE_SUCCESSFUL, which its own files have, and CORRELATION_FAILED."""
@@ -85,9 +86,9 @@ class Vic3dPoints(PointTable):
 class DicePoints(PointTable):
     """Surface points in the columns of the text files of DICe (Sandia), read by name.
 
-    ``DICe_solution_0.txt`` and so on, comma-separated, in the order of the frames: ``SUBSET_ID``, ``COORDINATE_X``,
-    ``COORDINATE_Y`` in px, ``DISPLACEMENT_X``, ``DISPLACEMENT_Y`` in px to the next frame; ``SIGMA``, the standard
-    deviation of disparity in px (0 for a truth); ``GAMMA``, ``BETA``, ``UNCERTAINTY``, which are NaN;
+    ``DICe_solution_0.txt`` and so on (``00`` to ``11`` of 12 frames), comma-separated: ``SUBSET_ID``,
+    ``COORDINATE_X``, ``COORDINATE_Y`` in px, ``DISPLACEMENT_X``, ``DISPLACEMENT_Y`` in px to the next frame; ``SIGMA``,
+    the standard deviation of disparity in px (0 for a truth); ``GAMMA``, ``BETA``, ``UNCERTAINTY``, which are NaN;
     ``STATUS_FLAG``, 4 (INITIALIZE_SUCCESSFUL); Green-Lagrange strain ``VSG_STRAIN_XX``, ``VSG_STRAIN_YY``,
     ``VSG_STRAIN_XY``; ``MODEL_COORDINATES_X``, ``_Y``, ``_Z`` and ``MODEL_DISPLACEMENT_X``, ``_Y``, ``_Z`` in mm, in
     the world. All files have the same subsets in the same lines; those without a result have ``SIGMA`` -1,
@@ -124,10 +125,11 @@ class DicePoints(PointTable):
         return found
 
     def write(self, source: ExportSource, folder: Path) -> list[str]:
-        """Write one file for every frame, numbered from 0."""
+        """Write one file for every frame, numbered from 0, with as many digits as the number of frames."""
         notes = super().write(source, folder)
+        digits = len(str(len(source.frames)))
         for number, t in enumerate(source.frames):
-            (folder / f"{image_name(0, t)}.csv").rename(folder / f"DICe_solution_{number}.txt")
+            (folder / f"{image_name(0, t)}.csv").rename(folder / f"DICe_solution_{number:0{digits}}.txt")
         return notes
 
 

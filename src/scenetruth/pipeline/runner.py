@@ -386,7 +386,13 @@ class PipelineRunner:
 
 def _unseen_growth(scored: Score, method: str) -> str:
     """Return a note on growth whose median error exceeds its magnitude, with a recommendation."""
+    from scenetruth.scoring.score_result import find_growing_objects
+
     values = scored.regions["interior"].get("growth_rate", {})
+    growing = find_growing_objects(scored.regions)
+    # Errors of static objects are smaller, and are not those of a leaf before them.
+    if growing is not None and values and len(growing.regions) == 1:
+        values = growing.values(scored.regions, "growth_rate")
     median, rms, relative = (values.get(name) for name in ("median_abs_error", "rmse", "relative_rmse"))
     if not scored.grows or median is None or not rms or not relative or median <= rms / relative:
         return ""

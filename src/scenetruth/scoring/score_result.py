@@ -26,7 +26,7 @@ from scenetruth.settings import ScoreSettings
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Score", "includes_fallback", "select_summary_quantities"]
+__all__ = ["GrowingObjects", "Score", "find_growing_objects", "includes_fallback", "select_summary_quantities"]
 
 
 Values = Mapping[str, float | int | None]
@@ -55,6 +55,61 @@ def includes_fallback(score: Score) -> bool:
 def select_summary_quantities(regions: Regions, *, grows: bool) -> list[str]:
     """Return the quantities with errors in a score; growth only where a true growth rate is nonzero."""
     return [name for name in regions["all"] if name != OUTLIERS and (grows or not QUANTITIES[name].is_growth)]
+
+
+_ROUNDING = 1e9
+"""Relative RMSE of growth beyond which the true growth rate consists of rounding errors."""
+_OBJECT = "object_"
+
+
+@dataclass(frozen=True)
+class GrowingObjects:
+    """The objects that grow, in a score with others that do not: errors over all pixels are mainly those of the others.
+
+    ``regions``: Names of their regions, which are in the interior.
+    """
+
+    regions: tuple[str, ...]
+
+    @property
+    def names(self) -> str:
+        """The names of the objects as text."""
+        found = [f"“{region.removeprefix(_OBJECT)}”" for region in self.regions]
+        return found[0] if len(found) == 1 else f"{len(found)} objects"
+
+    def values(self, regions: Regions, quantity: str) -> dict[str, float | int | None]:
+        """Return the RMSE, relative RMSE, density and count of a quantity over all of them, as of one region.
+
+        The median is that of a single object.
+        """
+        parts = [values for region in self.regions if (values := regions[region][quantity])["count"]]
+        count = sum(int(values["count"] or 0) for values in parts)
+        squares, of_truth, pixels = 0.0, 0.0, 0.0
+        for values in parts:
+            number, rms, relative = (float(values[name] or 0.0) for name in ("count", "rmse", "relative_rmse"))
+            squares += number * rms**2
+            of_truth += number * (rms / relative) ** 2 if relative else 0.0
+            pixels += number / float(values.get("density") or 1.0)
+        return {
+            "rmse": math.sqrt(squares / count) if count else None,
+            "median_abs_error": parts[0].get("median_abs_error") if len(parts) == 1 else None,
+            "relative_rmse": math.sqrt(squares / of_truth) if of_truth else None,
+            "density": count / pixels if pixels else None,
+            "count": count,
+        }
+
+
+def find_growing_objects(regions: Regions) -> GrowingObjects | None:
+    """Return the objects that grow, if others do not and one of them is a region of its own; otherwise None."""
+    growing: list[str] = []
+    still: list[str] = []
+    for region, quantities in regions.items():
+        name = next((name for name in ("growth_rate", "growth_rate_windowed") if name in quantities), None)
+        if not region.startswith(_OBJECT) or name is None or not quantities[name]["count"]:
+            continue
+        relative = quantities[name].get("relative_rmse")
+        (still if relative is None or relative >= _ROUNDING else growing).append(region)
+    return GrowingObjects(tuple(growing)) if growing and still else None
 
 
 def line_summary(regions: Regions, *, grows: bool) -> str:
@@ -102,8 +157,6 @@ def _short(value: float | None) -> str:
 _COLUMNS = (*STATISTICS[:-1], *COMMON_STATISTICS, *RATES)
 _IN_UNITS = ("bias", "rmse", "median_abs_error", "p95_abs_error")
 """Statistics in the unit of the quantity; the others are ratios."""
-_ROUNDING = 1e9
-"""Relative RMSE of growth beyond which the true growth rate consists of rounding errors."""
 
 
 @dataclass(frozen=True, repr=False)

@@ -273,6 +273,7 @@ def _feature_size(scene: Mapping[str, Any]) -> str | None:
     return "wavelengths " + ", ".join(listed) if listed else None
 
 
+_OWN = ("plane_sweep", "refined", "structure_tensor")
 _SHAPES = {"refined": "plane or second order, per pixel", "structure_tensor": "constant disparity and flow"}
 _CRITERIA = {
     "refined": "least squares over all images, with gain and offset of every image",
@@ -294,7 +295,7 @@ def _analysis(estimate: xr.Dataset | None, strain: xr.Dataset | None) -> Iterato
             "analysis", name, text, unit if stated else "", "strain" if missing == _NO_STRAIN else "estimate"
         )
 
-    yield field("Software", f"scenetruth, method {method}" if method else None)
+    yield field("Software", f"scenetruth, method {method}" if method in _OWN else method or None)
     yield field("Image filtering", settings.get("image_filter"))
     subset = math.nan if estimate is None else read_subset_px(estimate)
     yield field("Subset size", subset, "px")

@@ -179,6 +179,20 @@ def test_a_texture_that_varies_in_one_direction_is_noted_with_its_direction(angl
     assert (said - stated + 90) % 180 - 90 == pytest.approx(0, abs=1)
 
 
+@pytest.mark.parametrize("angle_deg", [0, 22.5, 45, 101])
+def test_a_picture_that_varies_in_one_direction_is_noted_with_its_direction(angle_deg: float, tmp_path: Path) -> None:
+    """Directions between two bins of the measured spectrum, as 45 degrees, are one direction."""
+    y, x = np.mgrid[:400, :400]
+    turn = np.radians(angle_deg)
+    waves = np.sin(2 * np.pi * (x * np.cos(turn) + y * np.sin(turn)) / np.array([16.0, 23.0])[:, None, None]).sum(0)
+    Image.fromarray(np.uint8(128 + 40 * waves)).save(tmp_path / "stripes.png")
+    square = {"kind": "plane", "size_mm": [90, 90]}
+    scene = wall(mesh=square, texture={"kind": "image", "file": str(tmp_path / "stripes.png")})
+    (note,) = (each for each in predict(scene, method="refined").notes if "varies almost only" in each)
+    said = float(note.split("along ")[1].split(" degrees")[0])
+    assert (said - angle_deg + 90) % 180 - 90 == pytest.approx(0, abs=2)
+
+
 def test_windows_that_the_method_determines_have_no_note() -> None:
     assert predict(wall(), method="refined").notes == ()
     crossed = {"kind": "plaid", "wavelength_mm": [4.0, 5.0], "mean": 0.5, "amplitude": 0.3}

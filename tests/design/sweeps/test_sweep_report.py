@@ -47,6 +47,51 @@ def test_one_factor_makes_lines_with_error_bars_and_the_bound() -> None:
     assert build_panels(over_one(), "depth", "precision_std") == []
 
 
+def over_methods(*others: str) -> Sweep:
+    """A sweep over the method of the scene, with one method at each level, and further factors."""
+    found = [
+        replace(row, value=factor * row.value, ci_low=factor * row.ci_low, ci_high=factor * row.ci_high)
+        for method, factor in (("mine", 1), ("theirs", 3))
+        for row in rows(
+            [{"estimate.method": method} | dict.fromkeys(others, n) for n in (1, 2)][: 2 if others else 1], (method,)
+        )
+    ]
+    return Sweep(["estimate.method", *others], ["cube"], ["mine", "theirs"], found)
+
+
+def test_the_method_is_no_axis_with_other_factors(tmp_path: Path) -> None:
+    """Every method is a group of its own: maps over the method would be half empty."""
+    (lines,) = build_panels(over_methods(BASELINE), "depth")
+    assert lines.x.path == BASELINE
+    curves = {curve.name: [point[:2] for point in curve.points] for curve in lines.curves}
+    assert curves["mine"] == [(1.0, 1), (2.0, 2)]
+    assert curves["theirs"] == [(1.0, 3), (2.0, 6)]
+    assert curves["Cramér-Rao bound, theirs"] == [(1.0, 1.5), (2.0, 3.0)]
+    panels = build_panels(over_methods(BASELINE, NOISE), "depth")
+    maps = [panel for panel in panels if panel.map is not None]
+    assert [(panel.title, panel.x.path, panel.y.path) for panel in maps] == [
+        (method, BASELINE, NOISE) for method in ("mine", "theirs")
+    ]
+    # With no other factor it is the axis.
+    (alone,) = build_panels(over_methods(), "depth")
+    assert alone.x.names == ("mine", "theirs")
+    text = without_definitions(write_sweep_report(over_methods(BASELINE), tmp_path).read_text(encoding="utf-8"))
+    assert "at method mine, baseline 1 mm." in text
+    assert "with mine" not in text
+
+
+def test_missing_cells_of_a_map_keep_their_columns() -> None:
+    """Texts of cells are placed by the labels of the map, so that it has all labels of its axes."""
+    found = over_two()
+    named = [replace(row, values={KIND: f"b{row.values[BASELINE]}", NOISE: row.values[NOISE]}) for row in found.rows]
+    kept = [row for row in named if row.values[KIND] != "b1" or row.statistic != "rmse"]
+    heat, _ = build_panels(Sweep([KIND, NOISE], ["cube"], ["mine"], kept), "depth")
+    data = build_chart(heat)["data"][0]
+    assert data["x"] == ["b1", "b2", "b4"]
+    assert [row[0] for row in data["text"]] == ["", ""]
+    assert data["text"][0][1:] == ["3.00<br>(1.5)", "5.0<br>(2.5)"]
+
+
 def test_two_factors_make_a_map_and_lines() -> None:
     heat, lines = build_panels(over_two(), "depth")
     assert heat.map is not None

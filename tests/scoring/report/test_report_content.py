@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
 import pytest
 
-from scenetruth.number_format import format_number, format_percent_value
+from scenetruth.number_format import format_number, format_percent_value, format_share
 from scenetruth.scoring import score
 from scenetruth.scoring.report import (
     Viewer,
@@ -75,6 +76,41 @@ def test_growth_is_told_where_something_grows() -> None:
     name, what = growth.layer.split(":")
     maps = next(one for one in viewer.plain["groups"] if one["name"] == name)["maps"]["0"]
     assert what in maps
+
+
+def test_growth_is_that_of_the_objects_that_grow() -> None:
+    """The zero growth of a wall behind two leaves makes the RMSE over all pixels smaller, and says nothing of them."""
+    case = make_growing_case(48, 36, 380.0, velocity_noise=1e-4)
+    result = score(case.estimate, case.truth, case.recording, settings={"growth_window_px": 6, "interior_margin_px": 3})
+    viewer = build_viewer(case.recording, case.estimate, case.truth, result)
+    rng = np.random.default_rng(4)
+    errors = {"object_one": (rng.normal(0, 2, 300), 3.0), "object_two": (rng.normal(0, 5, 500), 4.0)}
+
+    def with_objects(names: list[str]) -> Score:
+        regions = {name: values for name, values in result.regions.items() if not name.startswith("object_")}
+        base = regions["interior"]
+        for name in names:
+            error, growth = errors.get(name, (np.full(4000, 0.1), 0.0))
+            rms = float(np.sqrt(np.mean(error**2)))
+            values = {"rmse": rms, "relative_rmse": rms / growth if growth else None, "count": error.size}
+            regions[name] = dict(base) | {"growth_rate": {**base["growth_rate"], **values}}
+        return Score(regions, result.metadata)
+
+    pooled = np.concatenate([error for error, _ in errors.values()])
+    growth = np.concatenate([np.full(error.size, rate) for error, rate in errors.values()])
+    two = summarise_score(with_objects([*errors, "object_wall"]), viewer)[-1]
+    assert (two.title, two.units) == ("Growth of 2 objects", "%/h")
+    assert two.figure == format_number(float(np.sqrt(np.mean(pooled**2))))
+    share = float(np.sqrt(np.mean(pooled**2) / np.mean(growth**2)))
+    assert f"{format_share(share)} of the true value of {format_number(float(np.sqrt(np.mean(growth**2))))}" in two.rest
+    interior = format_number(result.regions["interior"]["growth_rate"]["rmse"])
+    assert f"; {interior} %/h with the objects that do not grow." in two.rest
+    one = summarise_score(with_objects(["object_two", "object_wall"]), viewer)[-1]
+    assert one.title == "Growth of “two”"
+    assert state_result([one], "mine").startswith(f"The method mine measures growth of “two” to {one.figure} %/h")
+    # Where all objects grow, or one alone is seen, the interior is theirs.
+    for names in (list(errors), ["object_two"]):
+        assert summarise_score(with_objects(names), viewer)[-1].figure == interior
 
 
 def test_without_truth_medians_are_told(full_case: Case) -> None:

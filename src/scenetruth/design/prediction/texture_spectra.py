@@ -233,11 +233,15 @@ def _binned(frequencies: Array, power: Array, mean: float) -> SpectralComponents
         _MEASURED_ANGLES - 1,
     )
     place = ring * _MEASURED_ANGLES + turn
-    total, squares = (np.bincount(place, part, _MEASURED_RADII * _MEASURED_ANGLES) for part in (power, power * size**2))
+    total, xx, xy, yy = (
+        np.bincount(place, power * each, _MEASURED_RADII * _MEASURED_ANGLES)
+        for each in (1.0, frequencies[:, 0] ** 2, frequencies[:, 0] * frequencies[:, 1], frequencies[:, 1] ** 2)
+    )
     used = total > 0
-    angle = (np.arange(_MEASURED_RADII * _MEASURED_ANGLES) % _MEASURED_ANGLES + 0.5) * np.pi / _MEASURED_ANGLES
-    length = np.sqrt(squares[used] / total[used])
-    grid = length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)[used]
+    # The strongest direction of the gradients in a bin: a texture of one direction between two bins keeps it.
+    angle = 0.5 * np.arctan2(2 * xy, xx - yy)[used]
+    length = np.sqrt((xx + yy)[used] / total[used])
+    grid = length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     return SpectralComponents(grid, np.asarray(total[used], dtype=np.float64), mean)
 
 

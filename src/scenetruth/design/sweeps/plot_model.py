@@ -136,15 +136,31 @@ def build_panels(found: Sweep, quantity: str, statistic: str = "rmse", region: s
         return []
     positive = statistic in POSITIVE and all(row.value > 0 for row in rows)
     number = PanelAxis(_short_title(quantity, statistic), logarithmic=positive)
-    axes = {path: _axis(found, path) for path in found.factors}
-    if len(found.factors) == 2:
+    factors = _plotted_factors(found)
+    axes = {path: _axis(found, path) for path in factors}
+    if len(factors) == 2:
         panels = [panel for group in _groups(found, rows) for panel in _over_two(found, axes, number, *group)]
     else:
-        joined = found.is_grid and len(found.factors) == 1
-        panels = [
-            _panel("", axes[path], number, _curves_of_all(found, rows, path, joined=joined)) for path in found.factors
-        ]
+        joined = found.is_grid and len(factors) == 1
+        panels = [_panel("", axes[path], number, _curves_of_all(found, rows, path, joined=joined)) for path in factors]
     return [replace(panel, words=f"{get_title(quantity)}: {panel.words}") for panel in panels]
+
+
+_METHOD = "estimate.method"
+
+
+def _plotted_factors(found: Sweep) -> list[str]:
+    """Return the factors that are axes: the method is none with others, because each method is a group of its own."""
+    others = [path for path in found.factors if path != _METHOD]
+    return others if others and _is_of_groups(found) else list(found.factors)
+
+
+def _is_of_groups(found: Sweep) -> bool:
+    """Return whether the method is a factor, of which every group has one level."""
+    if _METHOD not in found.factors:
+        return False
+    pairs = {(row.method, format_level(row.values[_METHOD])) for row in found.rows if not row.is_bound}
+    return len(pairs) == len({method for method, _ in pairs})
 
 
 def _short_title(quantity: str, statistic: str) -> str:
@@ -185,6 +201,9 @@ def _groups(found: Sweep, rows: Sequence[SweepRecord]) -> list[tuple[str, list[S
         for method in found.methods:
             own = [row for row in rows if row.scene == scene and row.method == method]
             bound = [row for row in rows if row.scene == scene and row.method in (BOUND, f"{BOUND} of {method}")]
+            if _is_of_groups(found):
+                levels = {format_level(row.values[_METHOD]) for row in own}
+                bound = [row for row in bound if format_level(row.values[_METHOD]) in levels]
             if own:
                 parts = [scene] if len(found.scenes) > 1 else []
                 parts += [method] if len(found.methods) > 1 or not parts else []
@@ -232,7 +251,7 @@ def _over_two(
     bound: Sequence[SweepRecord],
 ) -> list[SweepPanel]:
     """Return a map over two factors; for a grid also curves over the first, one for each level of the second."""
-    first, second = found.factors
+    first, second = axes
     least = {_key(row): row.value for row in bound}
     cells = tuple(
         (
@@ -263,7 +282,7 @@ def _over_two(
     levels = {format_level(row.values[second]): row.values[second] for row in own}
     values = list(levels)
     if not found.is_grid:
-        for path in found.factors:
+        for path in axes:
             curves = [_curve(name, axes[path], own, 0, joined=False)]
             curves += [_curve("Cramér-Rao bound", axes[path], bound, 0, joined=False)] if bound else []
             panels.append(_panel(_title(found, name), axes[path], number, curves))

@@ -102,7 +102,9 @@ def _trace(curve: SweepCurve) -> dict[str, Any]:
 
 def _heat(panel: SweepPanel, drawn: SweepMap) -> dict[str, Any]:
     cells = {(format_place(cell[0]), format_place(cell[1])): cell for cell in drawn.cells}
-    columns, rows = drawn.names(along_x=True), drawn.names(along_x=False)
+    # All labels of the axes: plotly places the texts of cells by the labels of the map.
+    columns = list(panel.x.names) or drawn.names(along_x=True)
+    rows = list(panel.y.names) or drawn.names(along_x=False)
     table = [[cells.get((x, y)) for x in columns] for y in rows]
     found = {
         "type": "heatmap",
@@ -211,7 +213,7 @@ def write_sweep_report(found: Sweep, folder: str | Path, again: str = "") -> Pat
         best=_find_best(found, region),
         per_frame=_INTERVAL in found.factors,
         result=_state_result(found, region),
-        best_columns=["quantity", "RMSE", "95 %", "unit", "at", *(["method"] if len(found.methods) > 1 else [])],
+        best_columns=["quantity", "RMSE", "95 %", "unit", "at", *(["method"] if _names_methods(found) else [])],
         columns=[*titles.values(), *_COLUMNS],
         titles=titles,
         lines=lines[:_MOST_LINES],
@@ -258,9 +260,14 @@ def _find_best(found: Sweep, region: str) -> list[list[str]]:
             continue
         where = describe_place(row)
         scene = f"{row.scene}: " if len(found.scenes) > 1 else ""
-        method = [row.method] if len(found.methods) > 1 else []
+        method = [row.method] if _names_methods(found) else []
         lines.append([get_title(quantity), _number(row), _interval(row), _unit(row.unit), scene + where, *method])
     return lines
+
+
+def _names_methods(found: Sweep) -> bool:
+    """Return whether points are named with their methods: levels of the method name them already."""
+    return len(found.methods) > 1 and "estimate.method" not in found.factors
 
 
 def _unit(unit: str) -> str:
@@ -283,7 +290,7 @@ def _state_result(found: Sweep, region: str) -> str:
     title, number, interval, unit, where, *method = lines[0]
     unit = "" if unit == UNDEFINED else f" {unit}"
     bars = f" (95 %: {interval})" if interval not in ("", UNDEFINED) else ""
-    by = f", with {method[0]}" if method and "estimate.method" not in found.factors else ""
+    by = f", with {method[0]}" if method else ""
     name = f"{title[0].lower()}{title[1:]}"
     text = f"The smallest RMSE of {name} in the region {region} is {number}{unit}{bars}, at {where}{by}."
     return text + _count_similar(found, region)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,7 @@ from scenetruth.scoring.regions import REGIONS, describe_region, title_region
 from scenetruth.scoring.report.hotspot_pictures import HotspotPicture
 from scenetruth.scoring.report.viewer import Viewer
 from scenetruth.scoring.report.viewer_layers import ErrorHotspot
-from scenetruth.scoring.score_result import Score, select_summary_quantities
+from scenetruth.scoring.score_result import Score, find_growing_objects, select_summary_quantities
 from scenetruth.scoring.statistics import RATES, StreamingQuantiles
 from scenetruth.settings import ScoreSettings
 
@@ -300,7 +300,10 @@ class SummarySentence:
 
 
 def summarise_score(score: Score, viewer: Viewer) -> list[SummarySentence]:
-    """Return one sentence each about depth, motion and growth, as available."""
+    """Return one sentence each about depth, motion and growth, as available.
+
+    Where some objects grow and others do not, the number of growth is that of the objects that grow.
+    """
     return [*_shape_sentence(score, viewer), *_motion_sentence(score, viewer), *_growth_sentence(score, viewer)]
 
 
@@ -396,8 +399,29 @@ def _growth_sentence(score: Score, viewer: Viewer) -> Iterator[SummarySentence]:
         # Attenuation by windows is not an error of the estimate; the position is that of the layer in the viewer.
         shown = name if name in viewer.worst else "growth_rate_windowed"
         if name in score.regions["all"] and score.regions["interior"][name]["count"]:
-            yield _sentence(score, viewer, title, name, _signal(score.regions["interior"][name], name), shown)
+            sentence = _sentence(score, viewer, title, name, _signal(score.regions["interior"][name], name), shown)
+            yield _of_growing_objects(score, sentence, name)
             return
+
+
+def _of_growing_objects(score: Score, sentence: SummarySentence, name: str) -> SummarySentence:
+    """Return the sentence about growth with the number of the objects that grow, if others do not."""
+    growing = find_growing_objects(score.regions)
+    values = {} if growing is None else growing.values(score.regions, name)
+    if growing is None or not values["count"]:
+        return sentence
+    signal = _signal(values, name)
+    rest = (
+        f"RMSE in the interior of {growing.names}{f', {signal}' if signal else ''}; "
+        f"{sentence.figure} {sentence.units} with the objects that do not grow."
+    )
+    worst = sentence.rest.partition(". ")[2]
+    return replace(
+        sentence,
+        title=f"{sentence.title} of {growing.names}",
+        figure=format_number(values["rmse"]),
+        rest=f"{rest} {worst}".rstrip(),
+    )
 
 
 def _sentence(
