@@ -124,7 +124,7 @@ def draw_image(views: FigureArrays, folder: Path) -> FigureInfo:
     axes = figure.add_subplot(title=title)
     drawn = axes.imshow(views.image, cmap="gray", extent=views.grid.extent)
     pixel_axes(axes)
-    colorbar(figure, drawn, axes, "grey value [digital numbers]" if views.image_is_digital else "linear radiance [1]")
+    colorbar(figure, drawn, axes, "grey value [DN]" if views.image_is_digital else "linear radiance / full scale")
     save(figure, folder / "image.png")
     return FigureInfo(
         "image.png",
@@ -477,7 +477,7 @@ def _coherence_panel(coherence: Map, extent: Extent) -> Panel:
     def draw(figure: Any, axes: Any) -> None:
         drawn = show_map(axes, coherence, cmap="cividis", vmin=0, vmax=1, extent=extent)
         axes.set_title("Coherence")
-        colorbar(figure, drawn, axes, "coherence [1]")
+        colorbar(figure, drawn, axes, "coherence")
 
     return draw
 

@@ -70,8 +70,9 @@ def draw_hotspot_map(image: Pixels, errors: Pixels, limit: float) -> str:
 
 def stretch_grey(image: Pixels) -> Pixels:
     """Return grey values from 0 to 1 as RGB, from the 2nd to the 98th percentile of the section."""
-    low, high = np.percentile(image, [2, 98])
-    grey = np.clip((image - low) / max(float(high - low), 1e-12), 0, 1)
+    known = image[np.isfinite(image)]
+    low, high = np.percentile(known, [2, 98]) if known.size else (0.0, 1.0)
+    grey = np.clip((np.nan_to_num(image, nan=float(low)) - low) / max(float(high - low), 1e-12), 0, 1)
     return np.repeat(grey[..., None], 3, axis=-1)
 
 
