@@ -42,6 +42,14 @@ def test_columns_of_words_are_distinguished_from_numbers() -> None:
     assert make_table("t", "", ["a", "b"], [["–", "–"], ["–", "word"]]).numeric == [True, False]
 
 
+@pytest.mark.parametrize(
+    ("columns", "lines", "expected"), [(3, 4, "stack"), (5, 4, "stack pairs"), (13, 2, ""), (5, 41, "")]
+)
+def test_tables_are_cards_on_narrow_screens_unless_they_are_long(columns: int, lines: int, expected: str) -> None:
+    table = make_table("t", "", [f"c{n}" for n in range(columns)], [["1"] * columns] * lines)
+    assert table.stacking == expected
+
+
 def test_a_page_is_one_file_in_which_no_word_acts() -> None:
     # The sweep's template has tables, charts, and words of its own.
     charts = {HOSTILE: [{"text": HOSTILE}]}

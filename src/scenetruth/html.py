@@ -52,6 +52,10 @@ class Chart:
         return re.sub("<[^>]*>", "", str(self.layout.get("title", {}).get("text", "")).partition("<br>")[2])
 
 
+_MOST_STACKED_COLUMNS, _MOST_STACKED_CELLS = 12, 200
+"""Larger tables would be too long as cards."""
+_SINGLE_COLUMNS = 4
+"""Number of columns up to which cards have one value a line."""
 _NONE = "–"
 _NUMBER = re.compile(r"[-+]?(∞|\d+(\.\d*)?([eE][-+]?\d+)?)(?!\w)")
 
@@ -86,6 +90,13 @@ class HtmlTable:
     lines: Sequence[Sequence[HtmlCell]]
     marked: int | None = None
     foot: Sequence[Sequence[HtmlCell]] = ()
+
+    @property
+    def stacking(self) -> str:
+        """Classes of a table whose rows are cards on narrow screens; empty for tables that scroll there."""
+        if len(self.columns) > _MOST_STACKED_COLUMNS or len(self.lines) * len(self.columns) > _MOST_STACKED_CELLS:
+            return ""
+        return "stack pairs" if len(self.columns) > _SINGLE_COLUMNS else "stack"
 
     @property
     def numeric(self) -> list[bool]:

@@ -20,6 +20,7 @@ __all__ = [
     "format_share",
     "format_signed_percent",
     "format_two_digits",
+    "format_unit",
     "format_value",
     "format_with_std",
     "humanise",
@@ -81,6 +82,15 @@ def format_percent_value(fraction: float | None) -> str:
     return "> 99.9999" if text.startswith("100") else text
 
 
+def format_unit(unit: str) -> str:
+    """Return a unit as pages show it: nothing for ratios, and powers as exponents.
+
+    >>> format_unit("1"), format_unit("px/step"), format_unit("1/mm^2")
+    ('', 'px/step', '1/mm²')
+    """
+    return "" if unit == "1" else unit.replace("^2", "²")
+
+
 def format_count(value: float | None) -> str:
     """Format a count with narrow spaces between thousands."""
     return UNDEFINED if value is None else f"{int(value):,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
@@ -107,6 +117,8 @@ def _entries(value: Any) -> Iterator[str]:
         yield from (flatten(entry) for entry in value)
     elif isinstance(value, bool):
         yield "yes" if value else "no"
+    elif isinstance(value, float):
+        yield f"{value:.7g}"
     elif value is not None and value != "":
         yield str(value)
 

@@ -55,8 +55,17 @@ def test_fields_follow_from_rig_settings_and_gauge(recording: xr.Dataset, estima
     assert found["Strain formulation"][0] == "Hencky strain, ln(C) / 2"
     assert found["Interpolant"][0] == "quintic B-spline"
     assert found["Displacement U per frame"] == ("0.002", "mm")
-    assert found["Displacement U per frame in the image"] == ("0.01", "px")
+    assert found["Displacement U per frame at the image scale"] == ("0.01", "px")
     assert float(found["Strain exx"][0]) == pytest.approx(float(np.nanmedian(strain["exx_std"])), rel=0.01)
+
+
+def test_noise_floors_are_those_of_valid_pixels(recording: xr.Dataset, estimate: xr.Dataset) -> None:
+    status = np.full(estimate["depth"].shape, 2, dtype=np.int8)
+    status[..., 1::2] = 3
+    std = np.where(status == 3, 9.0, 0.25)
+    marked = estimate.assign(status_disparity=(("t", "y", "x"), status), depth_std=(("t", "y", "x"), std))
+    assert values(st.report_good_practice(recording, marked))["Depth"] == ("0.25", "mm")
+    assert values(st.report_good_practice(recording, marked.drop_vars("status_disparity")))["Depth"] == ("4.62", "mm")
 
 
 def test_missing_fields_are_not_invented(recording: xr.Dataset) -> None:

@@ -408,7 +408,6 @@ def print_main_figures(scored: Score, method: str) -> None:
     from rich.table import Table
 
     from scenetruth.errors import visible
-    from scenetruth.number_format import format_number
     from scenetruth.scoring.quantities import get_title, get_units
     from scenetruth.scoring.score_result import find_growing_objects, select_summary_quantities
 

@@ -185,13 +185,13 @@ def title_region(region: str) -> str:
     """Return the title of a region in a table.
 
     >>> tuple(title_region(name) for name in ("all", "occluded", "boundary_0_5", "object_leaf 3"))
-    ('all', 'occluded in an image', '0 to 5 px from an edge', 'object “leaf 3”')
+    ('all', 'occluded or outside an image', '0 to 5 px from an edge', 'object “leaf 3”')
     """
     if region in REGIONS:
         return region
     words = describe_region(region)
-    for start in ("where the point is ", "where the ", "on the ", "within ", "from ", "in ", "on ", "at "):
-        if words.startswith(start):
+    for start in ("where the point is ", "where the ", "on the ", "within ", "in ", "on ", "at "):
+        if words.startswith(start) and not words.startswith("at least"):
             words = words.removeprefix(start)
             break
     return words.replace(" of an edge", " from an edge")
@@ -201,11 +201,11 @@ def describe_region(region: str) -> str:
     """Return the position of a region as text.
 
     >>> tuple(describe_region(name) for name in ("boundary_0_5", "boundary_20_inf", "slope_45_70", "object_leaf 3"))
-    ('within 0 to 5 px of an edge', 'from 20 px from an edge on', 'on slopes of 45 to 70°', 'on the object “leaf 3”')
+    ('within 0 to 5 px of an edge', 'at least 20 px from an edge', 'on slopes of 45 to 70°', 'on the object “leaf 3”')
     """
     fixed = {
         "nonoccluded": "where the point is visible in all images",
-        "occluded": "where the point is occluded in an image",
+        "occluded": "where the point is occluded or outside an image",
         "specular": "in highlights",
         "shadow_boundary": "at borders of shadows",
         "contrast_low": "where the contrast is low",
@@ -222,4 +222,4 @@ def describe_region(region: str) -> str:
     kind, low, high = bounds.groups()
     if kind == "slope":
         return f"on slopes of {low} to {high}°"
-    return f"from {low} px from an edge on" if high == "inf" else f"within {low} to {high} px of an edge"
+    return f"at least {low} px from an edge" if high == "inf" else f"within {low} to {high} px of an edge"

@@ -183,10 +183,10 @@ STATISTIC_TITLES: Mapping[str, str] = {
     "inlier_rate": "inlier rate",
     "sparsification_rmse": "RMSE of the most certain pixels",
     "amplitude_ratio": "amplitude ratio",
-    "cutoff_period_first": "longest period at 10 % loss",
-    "cutoff_period_last": "shortest period at 10 % loss",
-    "metrological_efficiency_first": "noise times longest period at 10 % loss",
-    "metrological_efficiency_last": "noise times shortest period at 10 % loss",
+    "cutoff_period_first": "finest period with 90 % of the amplitude",
+    "cutoff_period_last": "finest period with 90 % of the amplitude, last crossing",
+    "metrological_efficiency_first": "noise × finest period (metrological efficiency indicator)",
+    "metrological_efficiency_last": "noise × finest period, last crossing",
 }
 """Titles of all statistics of scores, benchmarks, sweeps, predictions, design objectives and tolerances of tests."""
 

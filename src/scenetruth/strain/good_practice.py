@@ -16,6 +16,7 @@ from scenetruth.errors import Problem, ScoreError
 from scenetruth.results import Result
 from scenetruth.schema import Intrinsics, read_intrinsics, read_scene
 from scenetruth.scoring.alignment import count_blocks, iterate_blocks
+from scenetruth.scoring.error_pairs import find_valid_pixels
 from scenetruth.scoring.statistics import StreamingQuantiles
 from scenetruth.strain.gauge import MEASURES, read_method_settings, read_subset_px
 
@@ -179,7 +180,11 @@ def _valid_depth(part: xr.Dataset) -> NDArray[np.float64]:
 
 
 def _velocity_std(component: int, part: xr.Dataset) -> NDArray[np.float64]:
-    return np.asarray(part["velocity_std"].values[component], dtype=np.float64)
+    return np.where(find_valid_pixels(part, "velocity"), part["velocity_std"].values[component], np.nan)
+
+
+def _depth_std(part: xr.Dataset) -> NDArray[np.float64]:
+    return np.where(find_valid_pixels(part, "depth"), part["depth_std"].values, np.nan)
 
 
 def _median_of(estimate: xr.Dataset, values: Callable[[xr.Dataset], NDArray[np.float64]]) -> float:
@@ -342,9 +347,11 @@ def _noise_floors(
         value = math.nan if stated is None else _median_of(stated, partial(_velocity_std, k))
         yield field(f"Displacement {name} per frame", value, "mm", _NOT_ESTIMATED, of_estimate)
         if name != "W":
-            yield field(f"Displacement {name} per frame in the image", value * scale, "px", _NOT_ESTIMATED, of_estimate)
+            yield field(
+                f"Displacement {name} per frame at the image scale", value * scale, "px", _NOT_ESTIMATED, of_estimate
+            )
     stated = estimate if estimate is not None and "depth_std" in estimate else None
-    value = math.nan if stated is None else _median_of(stated, lambda part: part["depth_std"].values)
+    value = math.nan if stated is None else _median_of(stated, _depth_std)
     yield field("Depth", value, "mm", _NOT_ESTIMATED, of_estimate)
     for name in ("exx", "eyy", "exy"):
         has = strain is not None and f"{name}_std" in strain

@@ -33,6 +33,7 @@ from scenetruth.scoring.figures import (
     draw_velocity_z,
     growth_limits,
     pick_row,
+    texture,
 )
 from tests.helpers.nightly import nightly
 from tests.helpers.synthetic_case import (
@@ -399,6 +400,24 @@ def test_large_surfaces_are_thinned_out() -> None:
     assert surface.step_px == 4
     assert len(surface.corners) == 14 * 19
     assert (surface.rows.max(), surface.columns.max()) == (54, 74)
+
+
+@pytest.mark.parametrize("step", [1, 4])
+def test_texture_is_that_of_the_known_pixels(step: int) -> None:
+    """The border of corrected images has no value; the sums of a moving average would carry it to all others."""
+    y, x = np.indices((60, 80), dtype=np.float64)
+    surface = build_surface(np.stack([x, y, 0 * x + 80.0], axis=-1), 80.0, max_quads=300 if step > 1 else 40_000)
+    assert surface.step_px == step
+    image = np.random.default_rng(3).uniform(0.0, 1700.0, (60, 80))
+    image[:, 72:] = 900.0
+    whole = texture(image, surface)
+    image[:, 72:] = np.nan
+    found = texture(image, surface)
+    inside, outside = surface.columns < 72 - step, surface.columns >= 72 + step // 2
+    # Medium grey outside keeps the limits of the scale nearly as they were.
+    assert np.abs(found - whole)[inside].max() < 0.05
+    assert found[inside].std() > 0.1
+    assert set(found[outside]) == {0.5}
 
 
 def test_view_is_a_right_handed_frame() -> None:

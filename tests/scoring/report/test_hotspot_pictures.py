@@ -22,6 +22,18 @@ def is_mark(shown: NDArray[np.uint8]) -> NDArray[np.bool_]:
     return np.asarray((shown == np.rint(255 * np.array([1.0, 0.82, 0.25]))).all(axis=-1))
 
 
+def test_the_square_has_the_size_of_the_part() -> None:
+    errors = np.random.default_rng(2).normal(size=(100, 120))
+    found = draw_hotspot(errors, errors, 40, 70, (32, 64, 32))
+    shown = pixels(found.address)
+    half = (found.width - 6) // 2
+    for part in (shown[:, :half], shown[:, half + 6 :]):
+        ys, xs = np.nonzero(is_mark(part))
+        # The section starts at row 8 and column 38; three pixels of the picture for one of the map, dark outside.
+        assert (ys.min(), ys.max()) == (3 * (32 - 8) + 1, 3 * (64 - 8) - 2)
+        assert (xs.min(), xs.max()) == (3 * (64 - 38) + 1, 3 * (96 - 38) - 2)
+
+
 @pytest.mark.parametrize(("row", "column"), [(50, 60), (0, 0), (99, 3)])
 def test_the_mark_surrounds_the_pixel_in_image_and_error(row: int, column: int) -> None:
     rng = np.random.default_rng(7)

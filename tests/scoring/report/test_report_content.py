@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 from scenetruth.number_format import format_number, format_percent_value, format_share
+from scenetruth.schema import REASONS
 from scenetruth.scoring import score
 from scenetruth.scoring.report import (
     Viewer,
     build_viewer,
+    describe_invalidity,
     describe_maps,
+    describe_noise,
     state_result,
     summarise_estimate,
     summarise_score,
@@ -50,7 +53,61 @@ def test_depth_and_motion_are_told_with_their_signal_and_where_they_are_worst(sc
     # The picture shows the pixel with the largest error in its middle, and says what its colours are.
     assert depth.picture is not None
     assert f"{format_number(depth.picture.limit, 2)} mm and more" in depth.legend
+    assert depth.whole == format_number(result.regions["all"]["depth"]["rmse"])
+    assert f"Over all valid pixels: {depth.whole} mm" in depth.rest
     assert state_result([depth, motion], "mine").startswith(f"The method mine measures depth to {depth.figure} mm and ")
+
+
+def test_errors_above_the_quantity_are_no_measurement(scored: tuple[Score, Viewer]) -> None:
+    depth, motion = summarise_score(*scored)
+    worse = dataclasses.replace(motion, relative=10.4)
+    growth = dataclasses.replace(motion, title="Growth", units="%/h", relative=46.9)
+    text = state_result([depth, worse, growth], "mine", 0.4)
+    assert f"measures depth to {depth.figure} mm (RMSE in the interior, 40.0 % of the surface; over all" in text
+    assert text.endswith("Motion and growth are not measurable here: the errors are 10 and 47 times the true values.")
+    assert "measures" not in state_result([worse], "mine")
+    # Just below and above the quantity.
+    assert dataclasses.replace(motion, relative=0.999).is_measured
+    assert not dataclasses.replace(motion, relative=1.0).is_measured
+
+
+def test_nearly_empty_regions_are_not_the_worst(scored: tuple[Score, Viewer]) -> None:
+    result, viewer = scored
+    (depth, _), (before, _) = summarise_score(_with_empty(result, 0.09), viewer), summarise_score(result, viewer)
+    assert "77.0 mm" not in depth.rest
+    assert depth.rest == before.rest
+    assert "Region with the largest RMSE: on the object “ghost”, 77.0 mm." in (
+        summarise_score(_with_empty(result, 0.11), viewer)[0].rest
+    )
+
+
+def _with_empty(result: Score, density: float) -> Score:
+    """Return a score with a further region of large errors and this density."""
+    values = {name: {**one, "density": density} for name, one in result.regions["all"].items()}
+    values["depth"] |= {"rmse": 77.0, "count": 500}
+    return dataclasses.replace(result, regions={**result.regions, "object_ghost": values})
+
+
+def test_reasons_of_invalid_pixels_are_fractions_of_the_image(full_case: Case) -> None:
+    estimate = full_case.estimate
+    reasons = np.zeros(estimate["depth"].shape, dtype=np.int8)
+    reasons[:, :3] = REASONS.index("border")
+    stated = estimate.assign(invalid_reason=(("t", "y", "x"), reasons))
+    share = 100 * 3 / reasons.shape[1]
+    assert describe_invalidity(stated) == f"border of the image {share:.1f} %"
+    assert describe_invalidity(estimate.drop_vars("invalid_reason", errors="ignore")) == ""
+
+
+def test_medians_below_the_noise_of_a_pixel_are_named(full_case: Case) -> None:
+    found = describe_maps(full_case.estimate)
+    quiet = dataclasses.replace(found["velocity_z"], median=0.25, median_std=0.1)
+    noise = describe_noise(found | {"velocity_z": quiet})
+    assert "velocity in Z (0.25 ± 0.10) mm/frame" in noise["medians"]
+    assert noise["hidden"] == ""
+    loud = dataclasses.replace(quiet, median=-0.008, median_std=0.05)
+    noise = describe_noise(found | {"velocity_z": loud})
+    assert "velocity in Z (−0.008 ± 0.050) mm/frame" in noise["medians"]
+    assert noise["hidden"] == "velocity in Z"
 
 
 def test_flow_is_the_motion_where_there_is_no_velocity(full_case: Case) -> None:

@@ -18,7 +18,7 @@ from scenetruth.errors import ScoreError
 from scenetruth.number_format import format_number, format_percent_value
 from scenetruth.schema import STATUS_VALID
 from scenetruth.scoring import COMMON_STATISTICS, FIGURES, QUANTITIES, Score, score, write_report
-from scenetruth.scoring.report import build_score_content, describe_maps
+from scenetruth.scoring.report import build_score_content, describe_maps, summarise_estimate
 from scenetruth.strain import report_good_practice
 from tests.helpers.nightly import nightly
 from tests.helpers.page_words import without_definitions
@@ -251,9 +251,10 @@ def test_page_without_truth_has_medians_and_densities(full_case: Case, page_with
     text = " ".join(reader.text)
     found = describe_maps(full_case.estimate)
     assert list(found) == [*HELD[:-1]]
+    cards = {one.title for one in summarise_estimate(found)}
     for name, summary in found.items():
         assert reader.text.count(summary.title) == 1, name
-        assert f"{summary.title}, median" in text
+        assert (f"{summary.title}, median" in text) == (summary.title in cards)
         assert format_number(summary.median) in text
         assert format_percent_value(summary.density) in text
 
@@ -333,7 +334,15 @@ def test_fields_of_good_practice_have_a_table_where_they_are_given(tmp_path: Pat
     reader = Reader()
     reader.feed(without_definitions(table[0]))
     words = [word.strip() for word in reader.text if word.strip()]
+    empty = [each for each in practice.fields if not each.is_stated]
+    for each in empty:
+        # Fields without data for the same reason have one row.
+        places = [n for n, word in enumerate(words) if each.name.casefold() in word.casefold().split(", ")]
+        assert [each.value, each.source] in [words[place + 1 : place + 3] for place in places], each.name
+    assert len([word for word in words if word == "no strain computed"]) < 5 < len(empty)
     for each in practice.fields:
+        if not each.is_stated:
+            continue
         place = words.index(each.name)
         cells = [word for word in (each.name, each.value, each.unit, each.source) if word]
         assert words[place : place + len(cells)] == cells

@@ -19,10 +19,12 @@ from scenetruth.scoring.figures.surface_figures import (
     build_surface,
     draw_surface,
     draw_velocity_arrows,
+    texture,
 )
 
 __all__ = [
     "FIGURES", "FigureInfo", "SurfaceView", "arrow_factor", "build_surface", "collect_figure_arrays", "draw_coherence",
     "draw_error_bars", "draw_estimated_growth", "draw_growth", "draw_image", "draw_surface", "draw_velocity_arrows",
     "draw_velocity_z", "growth_limits", "iterate_error_samples", "pick_row", "plot_all", "plot_one",
+    "texture",
 ]  # fmt: skip

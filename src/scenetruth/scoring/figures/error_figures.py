@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.number_format import format_number, format_percent_value
+from scenetruth.number_format import format_number, format_percent_value, format_unit
 from scenetruth.scoring.alignment import count_blocks, iterate_aligned_blocks
 from scenetruth.scoring.error_pairs import EstimateTruthPairs, list_quantities, read_pair, read_std
 from scenetruth.scoring.figures.figure_arrays import FigureArrays
@@ -27,6 +27,7 @@ from scenetruth.scoring.figures.figure_style import (
     robust_limits,
     save,
     show_map,
+    unit_label,
     void_legend,
 )
 from scenetruth.scoring.quantities import QUANTITIES, get_units
@@ -135,7 +136,7 @@ def _draw_panel(axes: Any, name: str, counts: Mapping[str, Counts], edges: Map, 
     entry = QUANTITIES[name]
     symbol = {"difference": f"error of ${entry.symbol}$", "distance": "distance"}.get(entry.error, "angle")
     axes.set_title(entry.title)
-    axes.set_xlabel(f"{symbol} [{get_units(name)}]")
+    axes.set_xlabel(f"{symbol}{unit_label(get_units(name))}")
     axes.locator_params(axis="x", nbins=5)
     axes.set_yscale("log")
     axes.grid()
@@ -145,7 +146,9 @@ def _draw_panel(axes: Any, name: str, counts: Mapping[str, Counts], edges: Map, 
         return
     for (region, heights), options in zip(counts.items(), _STYLES, strict=True):
         rms = score.regions[region][name]["rmse"]
-        axes.stairs(heights, edges, label=f"{region}: RMSE {'–' if rms is None else format(rms, '.3g')}", **options)
+        axes.stairs(
+            heights, edges, label=f"{region}: RMSE {format_number(rms)} {format_unit(get_units(name))}", **options
+        )
     axes.set_xlim(edges[0], edges[-1])
     # Space for the legend above the logarithmic axis.
     top = axes.get_ylim()[1]
@@ -236,7 +239,7 @@ def _draw_map(figure: Any, axes: Any, views: FigureArrays, name: str) -> None:
     # Less than a decade may contain no major tick of a logarithmic scale.
     ticks = MaxNLocator(5) if high < 8 * low else LogLocator(subs=(1, 2, 5) if high < 1000 * low else (1,))
     bar = colorbar(
-        figure, drawn, axes, f"standard deviation of ${entry.symbol}$ [{entry.units}]",
+        figure, drawn, axes, f"standard deviation of ${entry.symbol}${unit_label(entry.units)}",
         extend="both", ticks=ticks, format=FuncFormatter(lambda value, _: f"{value:g}"),
     )  # fmt: skip
     bar.minorticks_off()
@@ -258,8 +261,8 @@ def _draw_histogram(axes: Any, ratios: Mapping[str, NDArray[np.int64]], score: S
         )
         axes.stairs(density, _EDGES, color=_COLOURS[name], linewidth=1.1, label=label)
     axes.set_title("Normalised errors z, interior")
-    axes.set_xlabel("error / stated standard deviation [1]")
-    axes.set_ylabel("probability density [1]")
+    axes.set_xlabel("error / stated standard deviation")
+    axes.set_ylabel("probability density")
     axes.set_xlim(-_REACH, _REACH)
     # Space for the legend above the curves.
     axes.set_ylim(0, 1.5 * highest)

@@ -151,7 +151,8 @@ def collect_figure_arrays(
         frame=frames[at],
         image=grey.values.astype(np.float64),
         image_frame=image_frame,
-        image_is_digital=image.dtype.kind in "ui",
+        # Images that are corrected are digital numbers with decimals.
+        image_is_digital=image.dtype.kind in "ui" or float(recording.attrs.get("full_scale", 1.0)) > 1.0,
         grid=compute_pixel_coordinates(estimate),
         intrinsics=read_intrinsics(estimate),
         estimate=_ReadWhenNeeded(names, lambda name: known(name, read_quantity(estimate, name))),

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scenetruth.number_format import format_unit
+
 __all__ = [
     "BLUE",
     "GREY",
@@ -32,6 +34,7 @@ __all__ = [
     "style",
     "swatch",
     "symmetric_limit",
+    "unit_label",
     "void_legend",
 ]
 
@@ -199,6 +202,11 @@ def swatch(colour: str, label: str) -> Any:
     from matplotlib.patches import Patch
 
     return Patch(facecolor=colour, edgecolor=GREY, linewidth=0.5, label=label)
+
+
+def unit_label(unit: str) -> str:
+    """Return a unit in brackets for the label of an axis; nothing for ratios."""
+    return f" [{format_unit(unit)}]" if format_unit(unit) else ""
 
 
 def symmetric_limit(*maps: Map, percent: float = 2.0) -> float:

@@ -39,6 +39,7 @@ from scenetruth.scoring.figures.figure_style import (
     show_map,
     swatch,
     symmetric_limit,
+    unit_label,
     void_legend,
 )
 from scenetruth.scoring.growth_rate import compute_growth_maps, compute_growth_rate
@@ -98,7 +99,7 @@ def _draw_quantity(figure: Any, row: Any, views: FigureArrays, name: str, *, sig
     else:
         low, high = robust_limits(*shown.values(), percent=0.5)
         options = {"cmap": "cividis", "vmin": low, "vmax": high}
-    label = f"${entry.symbol}$ [{entry.units}]"
+    label = f"${entry.symbol}${unit_label(entry.units)}"
     for axes, (what, values) in zip(row, shown.items(), strict=False):
         drawn = show_map(axes, values, extent=views.grid.extent, **options)
         axes.set_title(f"{entry.title}, {what}")
@@ -124,7 +125,7 @@ def draw_image(views: FigureArrays, folder: Path) -> FigureInfo:
     axes = figure.add_subplot(title=title)
     drawn = axes.imshow(views.image, cmap="gray", extent=views.grid.extent)
     pixel_axes(axes)
-    colorbar(figure, drawn, axes, "grey value [digital numbers]" if views.image_is_digital else "linear radiance [1]")
+    colorbar(figure, drawn, axes, "grey value [DN]" if views.image_is_digital else "linear radiance / full scale")
     save(figure, folder / "image.png")
     return FigureInfo(
         "image.png",
@@ -279,6 +280,7 @@ def draw_growth(
     if shown is None or not np.isfinite(shown.found).any():
         return None
     low, high = growth_limits(shown.found, shown.exact)
+    known = shown.found[np.isfinite(shown.found)]
     bound = symmetric_limit(shown.error)
 
     figure = new_figure(8.6, 2 * map_height(shown.error, 3.2, 0.65) + 0.3)
@@ -301,10 +303,12 @@ def draw_growth(
             pixel_axes(axes, label_y=axes in panels[:, 0])
     void_legend(figure, shown.void)
     save(figure, folder / "growth_rate.png")
+    beyond = float(np.mean(np.abs(known - 0.5 * (low + high)) > 0.5 * (high - low)))
     caption = (
         f"Relative growth rate of the surface area. {shown.caption} Estimate and truth share one scale: up to twice "
-        "the largest true rate, or 98 % of the estimates if nothing grows. The scale of the error is symmetric about "
-        "zero and spans 98 % of the errors."
+        "the largest true rate, or 98 % of the estimates if nothing grows. "
+        f"{100 * beyond:.0f}\N{NO-BREAK SPACE}% of the estimates lie beyond the scale. "
+        "The scale of the error is symmetric about zero and spans 98 % of the errors."
     )
     return FigureInfo("growth_rate.png", f"Growth rate: estimate, truth and error, t = {views.frame}", caption)
 
@@ -417,7 +421,10 @@ def draw_coherence(views: FigureArrays, folder: Path) -> FigureInfo | None:
     panels, legend, names = [], [], []
     caption = "Quality measures of the method, computed without the truth."
     if views.coherence is not None:
-        panels.append(_coherence_panel(views.coherence, extent))
+        # Without a window within the image there is no coherence.
+        border = None if views.reasons is None else views.reasons == REASONS.index("border")
+        shown_coherence = views.coherence if border is None else np.where(border, np.nan, views.coherence)
+        panels.append(_coherence_panel(shown_coherence, extent))
         names.append("coherence")
         caption += " The coherence is between 0 and 1; larger is better."
     if statuses:
@@ -441,7 +448,7 @@ def draw_coherence(views: FigureArrays, folder: Path) -> FigureInfo | None:
         legend += [swatch(_REASON_COLOURS[name], words) for words, name, _ in stated]
         caption += " The reason for invalidity is white where the estimate is valid." + (
             " Fractions of the image: "
-            + ", ".join(f"{words} {100 * count / views.reasons.size:.2f} %" for words, _, count in stated)
+            + ", ".join(f"{words} {_percent(count / views.reasons.size)}" for words, _, count in stated)
             + "."
             if stated
             else ""
@@ -468,16 +475,22 @@ def _fractions(statuses: dict[str, NDArray[np.int64]]) -> str:
     """Format the fraction of the image with each status."""
     return "; ".join(
         (f"{_TITLES[name].lower()}, " if len(statuses) > 1 else "")
-        + ", ".join(f"{label} {100 * np.mean(status == code):.1f} %" for code, (_, label) in _CODES.items())
+        + ", ".join(f"{label} {_percent(float(np.mean(status == code)))}" for code, (_, label) in _CODES.items())
         for name, status in statuses.items()
     )
+
+
+def _percent(fraction: float) -> str:
+    """Return a fraction of the image; under 0.05 % it is not 0.0 %."""
+    text = f"{100 * fraction:.1f}" if fraction == 0 or fraction >= 5e-4 else "under 0.1"
+    return f"{text}\N{NO-BREAK SPACE}%"
 
 
 def _coherence_panel(coherence: Map, extent: Extent) -> Panel:
     def draw(figure: Any, axes: Any) -> None:
         drawn = show_map(axes, coherence, cmap="cividis", vmin=0, vmax=1, extent=extent)
         axes.set_title("Coherence")
-        colorbar(figure, drawn, axes, "coherence [1]")
+        colorbar(figure, drawn, axes, "coherence")
 
     return draw
 

@@ -14,7 +14,15 @@ from scipy import ndimage
 from scenetruth.scoring.figures.figure_arrays import FigureArrays
 from scenetruth.scoring.figures.figure_style import BLUE, GREY, ORANGE, FigureInfo, new_figure, robust_limits, save
 
-__all__ = ["QuadSurface", "SurfaceView", "arrow_factor", "build_surface", "draw_surface", "draw_velocity_arrows"]
+__all__ = [
+    "QuadSurface",
+    "SurfaceView",
+    "arrow_factor",
+    "build_surface",
+    "draw_surface",
+    "draw_velocity_arrows",
+    "texture",
+]
 
 
 Points = NDArray[np.float64]
@@ -96,10 +104,16 @@ def shade(surface: QuadSurface) -> Map:
 
 def texture(image: Map, surface: QuadSurface) -> Map:
     """Return the grey value of the image at each quadrilateral, 0 to 1, shape (n,)."""
-    averaged = ndimage.uniform_filter(image, surface.step_px)
-    low, high = robust_limits(averaged[surface.rows, surface.columns], percent=1.0)
-    grey = (averaged[surface.rows, surface.columns] - low) / (high - low)
-    return np.asarray(np.clip(grey, 0.0, 1.0))
+    # Corrected images have no value beyond the border of the original: only the others are averaged.
+    known = np.isfinite(image)
+    sums, weights = (
+        ndimage.uniform_filter(part, surface.step_px)[surface.rows, surface.columns]
+        for part in (np.where(known, image, 0.0), known.astype(np.float64))
+    )
+    averaged = np.divide(sums, weights, out=np.full(sums.shape, np.nan), where=weights > 0.5 / surface.step_px**2)
+    low, high = robust_limits(averaged, percent=1.0)
+    grey = np.clip((averaged - low) / (high - low), 0.0, 1.0)
+    return np.asarray(np.nan_to_num(grey, nan=0.5))
 
 
 def surface_axes(
@@ -123,10 +137,11 @@ def surface_axes(
     axes.set_xlabel("$X$ [mm]")
     axes.set_ylabel("$Z$ [mm]")
     axes.set_zlabel("$Y$ [mm]")
-    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+    for axis, span in zip((axes.xaxis, axes.yaxis, axes.zaxis), (spans[0], spans[2], spans[1]), strict=True):
         axis.pane.set_facecolor("white")
         axis.pane.set_edgecolor(GREY)
-        axis.set_major_locator(MaxNLocator(6))
+        # Labels of a short axis would overlap.
+        axis.set_major_locator(MaxNLocator(max(2, round(6 * min(1.0, 1.3 * span / max(spans))))))
     return axes
 
 
@@ -211,7 +226,7 @@ def draw_velocity_arrows(views: FigureArrays, folder: Path) -> FigureInfo:
         f"Arrows on the reconstructed surface; 1 mm/frame is drawn {factor:g}\N{NO-BREAK SPACE}mm long. "
         "Arrows show single pixels without averaging; arrows behind the surface are omitted. "
         + ("Orange arrows are truncated. " if cut.any() else "")
-        + "For a rigid translation, arrows should be parallel and of equal length."
+        + "Only where an object translates without rotating or deforming are its arrows parallel and of equal length."
     )
     return FigureInfo("velocity_arrows.png", title, caption)
 

@@ -17,7 +17,9 @@ from scenetruth.scoring.report.map_packing import (
 )
 from scenetruth.scoring.report.report_content import (
     build_score_content,
+    describe_invalidity,
     describe_maps,
+    describe_noise,
     state_result,
     summarise_estimate,
     summarise_score,
@@ -27,7 +29,7 @@ from scenetruth.scoring.report.viewer import Viewer, build_viewer
 
 __all__ = [
     "LEVELS", "RELATIVE_ROUNDING", "HotspotPicture", "PackedMap", "Viewer", "build_score_content", "build_viewer",
-    "describe_maps", "draw_hotspot", "draw_hotspot_map", "matches_fingerprint", "pack_map", "pack_viewer_images",
-    "show_errors", "state_result", "stretch_grey", "summarise_estimate", "summarise_score", "unpack_map",
-    "write_report",
+    "describe_invalidity", "describe_maps", "describe_noise", "draw_hotspot", "draw_hotspot_map",
+    "matches_fingerprint", "pack_map", "pack_viewer_images", "show_errors", "state_result", "stretch_grey",
+    "summarise_estimate", "summarise_score", "unpack_map", "write_report",
 ]  # fmt: skip

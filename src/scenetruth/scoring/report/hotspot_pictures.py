@@ -30,7 +30,9 @@ class HotspotPicture:
     limit: float
 
 
-def draw_hotspot(image: Pixels, errors: Pixels, row: int, column: int) -> HotspotPicture:
+def draw_hotspot(
+    image: Pixels, errors: Pixels, row: int, column: int, square: tuple[int, int, int] | None = None
+) -> HotspotPicture:
     """Return the section around a pixel: the image (dark to light: 2nd to 98th percentile) and the errors.
 
     Parameters
@@ -38,7 +40,9 @@ def draw_hotspot(image: Pixels, errors: Pixels, row: int, column: int) -> Hotspo
     image, errors
         Grey values and errors of the same pixels; invalid errors are not finite.
     row, column
-        The marked pixel.
+        The pixel in the middle.
+    square
+        First row, first column and side of the marked square; default: a square around the pixel.
     """
     rows, columns = (
         slice(max(0, at - _HALF), min(size, at + _HALF + 1))
@@ -50,7 +54,11 @@ def draw_hotspot(image: Pixels, errors: Pixels, row: int, column: int) -> Hotspo
     limit = limit or float(finite.max(initial=0.0)) or 1.0
     both = [_enlarge(grey), _enlarge(show_errors(part, limit))]
     for one in both:
-        _mark(one, row - rows.start, column - columns.start)
+        if square is None:
+            _mark(one, row - rows.start, column - columns.start)
+        else:
+            top, left, side = square
+            _outline(one, _ENLARGED * (top - rows.start), _ENLARGED * (left - columns.start), _ENLARGED * side)
     gap = np.ones((both[0].shape[0], _GAP, 3))
     whole = np.concatenate([both[0], gap, both[1]], axis=1)
     return HotspotPicture(f"data:image/png;base64,{encode_png(whole)}", whole.shape[1], limit)
@@ -70,8 +78,9 @@ def draw_hotspot_map(image: Pixels, errors: Pixels, limit: float) -> str:
 
 def stretch_grey(image: Pixels) -> Pixels:
     """Return grey values from 0 to 1 as RGB, from the 2nd to the 98th percentile of the section."""
-    low, high = np.percentile(image, [2, 98])
-    grey = np.clip((image - low) / max(float(high - low), 1e-12), 0, 1)
+    known = image[np.isfinite(image)]
+    low, high = np.percentile(known, [2, 98]) if known.size else (0.0, 1.0)
+    grey = np.clip((np.nan_to_num(image, nan=float(low)) - low) / max(float(high - low), 1e-12), 0, 1)
     return np.repeat(grey[..., None], 3, axis=-1)
 
 
@@ -97,6 +106,15 @@ def _mark(picture: Pixels, row: int, column: int, enlarged: int = _ENLARGED) -> 
     half = 4.5 * enlarged
     picture[(far > half - 1) & (far <= half + 2)] = 0.0
     picture[(far > half) & (far <= half + 1)] = _MARKER
+
+
+def _outline(picture: Pixels, top: int, left: int, side: int) -> None:
+    """Draw the outline of a square, dark within light, inside its border."""
+    y, x = (np.arange(size) for size in picture.shape[:2])
+    depths = (np.minimum(at - start, start + side - 1 - at) for at, start in ((y, top), (x, left)))
+    depth = np.minimum.outer(*depths)
+    picture[(depth >= 0) & (depth < 3)] = 0.0
+    picture[depth == 1] = _MARKER
 
 
 def encode_png(colours: Pixels) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from scenetruth.number_format import format_unit
 from scenetruth.scoring.alignment import select_pixels
 from scenetruth.scoring.quantities import ENDPOINT, QUANTITIES
 from scenetruth.scoring.regions import main_regions
@@ -244,7 +245,7 @@ def pack_viewer_images(recording: xr.Dataset, estimate: xr.Dataset, frame: int, 
         if used > _THINNED * budget:
             break
         shown.append(PackedImage(row, camera, t, coarser, packed))
-    units = "DN" if every.dtype.kind in "ui" else "1"
+    units = "DN" if every.dtype.kind in "ui" or float(recording.attrs.get("full_scale", 1.0)) > 1.0 else "1"
     left_out = wanted - len(shown) + 1
     return ViewerImages(shown, cameras, frames, left_out, units, limits, reference.astype(np.float64))
 
@@ -332,7 +333,7 @@ class MapPacker:
                 "name": layers.name,
                 "title": layers.title,
                 "symbol": layers.symbol,
-                "units": layers.units,
+                "units": format_unit(layers.units) or "1",
                 "codes": {str(code): word for code, word in layers.codes.items()},
                 "limits": compute_display_ranges(layers),
                 "maps": {},
@@ -357,7 +358,7 @@ class MapPacker:
                     "name": name,
                     "title": title,
                     "symbol": "",
-                    "units": QUANTITIES[parts[0]].units,
+                    "units": format_unit(QUANTITIES[parts[0]].units) or "1",
                     "codes": {},
                     "limits": {"error": (0.0, high)},
                     "length_of": parts,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,8 +11,17 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.number_format import UNDEFINED, format_measured, format_number, format_percent_value, format_share
-from scenetruth.schema import read_intrinsics
+from scenetruth.number_format import (
+    UNDEFINED,
+    format_measured,
+    format_number,
+    format_percent_value,
+    format_share,
+    format_two_digits,
+    format_unit,
+    format_with_std,
+)
+from scenetruth.schema import REASONS, read_intrinsics
 from scenetruth.scoring.alignment import check_estimate, count_blocks, iterate_blocks
 from scenetruth.scoring.common_statistics import COMMON_STATISTICS
 from scenetruth.scoring.error_pairs import (
@@ -24,7 +33,8 @@ from scenetruth.scoring.error_pairs import (
     read_std,
 )
 from scenetruth.scoring.growth_rate import compute_growth_rate
-from scenetruth.scoring.quantities import ENDPOINT, OUTLIERS, QUANTITIES, get_title, get_units
+from scenetruth.scoring.quantities import ENDPOINT, OUTLIERS, QUANTITIES, get_title
+from scenetruth.scoring.quantities import get_units as stored_units
 from scenetruth.scoring.regions import REGIONS, describe_region, title_region
 from scenetruth.scoring.report.hotspot_pictures import HotspotPicture
 from scenetruth.scoring.report.viewer import Viewer
@@ -37,11 +47,19 @@ __all__ = [
     "MapSummary",
     "SummarySentence",
     "build_score_content",
+    "describe_invalidity",
     "describe_maps",
+    "describe_noise",
+    "interior_share",
     "state_result",
     "summarise_estimate",
     "summarise_score",
 ]
+
+
+def get_units(name: str) -> str:
+    """Return the units of a quantity as pages show them."""
+    return format_unit(stored_units(name))
 
 
 _HEADLINES = (
@@ -86,6 +104,38 @@ def build_score_content(score: Score) -> dict[str, Any]:
         "shown": shown,
         "grows": score.grows,
     }
+
+
+def interior_share(score: Score) -> float | None:
+    """Return the fraction of the pixels with a surface that are in the interior; None if no quantity states it."""
+    for name, whole in score.regions["all"].items():
+        inner = score.regions["interior"][name]
+        numbers = [values.get(key) for values in (inner, whole) for key in ("count", "density")]
+        if all(numbers):
+            count, density, of_all, density_of_all = (float(number or 0.0) for number in numbers)
+            return min(count / density / (of_all / density_of_all), 1.0)
+    return None
+
+
+def describe_invalidity(estimate: xr.Dataset) -> str:
+    """Return the reasons for invalid pixels with their fractions of the image; empty if none are stated."""
+    if "invalid_reason" not in estimate:
+        return ""
+    counts, size = np.zeros(len(REASONS), dtype=np.int64), 0
+    for part in iterate_blocks(estimate):
+        values = np.nan_to_num(part["invalid_reason"].values, nan=REASONS.index("not_determined")).astype(np.int64)
+        counts += np.bincount(values.ravel(), minlength=len(REASONS))
+        size += values.size
+    shares = sorted(((count / size, name) for name, count in zip(REASONS, counts.tolist(), strict=True)), reverse=True)
+    return ", ".join(
+        f"{_REASONS.get(name, name.replace('_', ' '))} {100 * share:.1f} %"
+        for share, name in shares
+        if name != "none" and share >= _LEAST_SHARE
+    )
+
+
+_LEAST_SHARE = 5e-4
+_REASONS = {"border": "border of the image"}
 
 
 def _headlines(score: Score, shown: list[str]) -> Iterator[dict[str, str]]:
@@ -262,12 +312,18 @@ class _Values:
 _FEW = 100
 """Minimum number of scored pixels of a region for the summary."""
 
+_LEAST_DENSITY = 0.1
+"""Minimum density of a region for the summary: the pixels of an almost invalid region are not typical of it."""
+
 Values = Mapping[str, float | int | None]
 
 
 @dataclass(frozen=True)
 class SummarySentence:
-    """One entry of the summary: subject, number and text; position, viewer layer and picture of the largest errors."""
+    """One entry of the summary: subject, number and text; position, viewer layer and picture of the largest errors.
+
+    ``relative``: RMSE over the RMS of the truth, None where this is undefined. ``whole``: RMSE over all scored pixels.
+    """
 
     title: str
     figure: str
@@ -276,6 +332,13 @@ class SummarySentence:
     place: ErrorHotspot | None = None
     layer: str = ""
     picture: HotspotPicture | None = None
+    relative: float | None = None
+    whole: str = ""
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether there is an error, and it is smaller than the quantity."""
+        return self.figure != UNDEFINED and (self.relative is None or self.relative < 1)
 
     @property
     def where(self) -> str:
@@ -294,9 +357,24 @@ class SummarySentence:
         if self.picture is None:
             return ""
         limit = f"{format_number(self.picture.limit, 2)} {self.units}"
-        colours = f"red: {limit} and more" if "epe" in self.layer or "endpoint" in self.layer else ""
-        colours = colours or f"blue: −{limit} and less; red: {limit} and more"
-        return f"Left: image. Right: error; {colours}; hatched: invalid. Square: largest error."
+        colours = f"red: {limit} and more" if self.is_length else f"blue: −{limit} and less; red: {limit} and more"
+        error = "length of the error" if self.is_length else "error"
+        side = (
+            ""
+            if self.place is None
+            else f" with the largest RMSE ({self.place.side_px:.0f} × {self.place.side_px:.0f} px)"
+        )
+        return f"Left: image. Right: {error}; {colours}; hatched: invalid. Square: the part{side}."
+
+    @property
+    def limit(self) -> str:
+        """The error of the strongest colour of the picture, without its unit."""
+        return "" if self.picture is None else format_number(self.picture.limit, 2)
+
+    @property
+    def is_length(self) -> bool:
+        """Whether the error of the picture is that of a vector, which has no sign."""
+        return "epe" in self.layer or "endpoint" in self.layer
 
 
 def summarise_score(score: Score, viewer: Viewer) -> list[SummarySentence]:
@@ -307,24 +385,47 @@ def summarise_score(score: Score, viewer: Viewer) -> list[SummarySentence]:
     return [*_shape_sentence(score, viewer), *_motion_sentence(score, viewer), *_growth_sentence(score, viewer)]
 
 
-def state_result(sentences: Sequence[SummarySentence], method: str) -> str:
-    """Return the result as one sentence, for the beginning of the page; empty if no quantity has a number.
+def state_result(sentences: Sequence[SummarySentence], method: str, interior: float | None = None) -> str:
+    """Return the result as sentences, for the beginning of the page; empty if no quantity has a number.
 
-    >>> depth = SummarySentence("Depth", "0.107", "mm", "RMSE in the interior.")
-    >>> state_result([depth, SummarySentence("Motion", "0.0336", "mm/frame", "RMSE.")], "refined")[:75]
-    'The method refined measures depth to 0.107 mm and motion to 0.0336 mm/frame'
+    ``interior``: Fraction of the pixels with a surface that are in the interior.
+
+    >>> depth = SummarySentence("Depth", "0.107", "mm", "RMSE in the interior.", whole="2.30")
+    >>> motion = SummarySentence("Motion", "0.0336", "mm/frame", "RMSE.", relative=0.1, whole="0.0500")
+    >>> growth = SummarySentence("Growth", "60.0", "%/h", "RMSE.", relative=47.0)
+    >>> first, second = state_result([depth, motion, growth], "refined", 0.4).split(". ")
+    >>> first[:76], first[76:]
+    ('The method refined measures depth to 0.107 mm and motion to 0.0336 mm/frame', ' ')
+    >>> second
+    'Growth is not measurable here: the error is 47 times the true value.'
     """
-    found = [
-        f"{one.title[0].lower()}{one.title[1:]} to {one.figure} {one.units}"
-        for one in sentences
-        if one.figure != UNDEFINED
-    ]
-    if not found:
-        return ""
-    listed = " and ".join(filter(None, (", ".join(found[:-1]), found[-1])))
-    subject = f"The method {method}" if method else "The estimate"
-    verb = "measures" if method else "gives"
-    return f"{subject} {verb} {listed} (RMSE in the interior, relative to the exact ground truth)."
+    found = [one for one in sentences if one.is_measured]
+    lost = [one for one in sentences if one.figure != UNDEFINED and not one.is_measured]
+    texts = []
+    if found:
+        subject, verb = (f"The method {method}", "measures") if method else ("The estimate", "gives")
+        listed = _join(f"{_lower(one.title)} to {one.figure} {one.units}" for one in found)
+        share = "" if interior is None else f", {format_percent_value(interior)} % of the surface"
+        whole = [f"{one.whole} {one.units}" for one in found if one.whole]
+        over_all = f"; over all valid pixels: {_join(whole)}" if whole else ""
+        texts.append(f"{subject} {verb} {listed} (RMSE in the interior{share}{over_all}), relative to the exact truth.")
+    if lost:
+        names = _join(_lower(one.title) for one in lost)
+        factors = _join(format_two_digits(one.relative or 0.0) for one in lost)
+        verb, errors, values = ("are", "errors are", "values") if len(lost) > 1 else ("is", "error is", "value")
+        text = f"{names[0].upper()}{names[1:]} {verb} not measurable here"
+        texts.append(f"{text}: the {errors} {factors} times the true {values}.")
+    return " ".join(texts)
+
+
+def _lower(title: str) -> str:
+    return f"{title[0].lower()}{title[1:]}"
+
+
+def _join(texts: Iterable[str]) -> str:
+    """Return a list in words."""
+    *most, last = texts
+    return f"{', '.join(most)} and {last}" if most else last
 
 
 def summarise_estimate(summaries: Mapping[str, MapSummary]) -> list[SummarySentence]:
@@ -333,15 +434,7 @@ def summarise_estimate(summaries: Mapping[str, MapSummary]) -> list[SummarySente
     Growth is omitted if its standard deviation is unknown.
     """
     found = []
-    wanted = (("depth", "disparity"), ("velocity_z", "flow_x"), ("growth_rate",))
-    for names in wanted:
-        name = next((name for name in names if name in summaries and summaries[name].count), None)
-        if name is None:
-            continue
-        entries = summaries[name]
-        # Growth is a small difference of large numbers: without a standard deviation, it may be noise.
-        if name == "growth_rate" and entries.median_std is None:
-            continue
+    for entries in _main_summaries(summaries):
         bar = ""
         if entries.median_std is not None:
             bar = f", with a median stated standard deviation of {format_number(entries.median_std, 2)} {entries.units}"
@@ -354,6 +447,38 @@ def summarise_estimate(summaries: Mapping[str, MapSummary]) -> list[SummarySente
         )
         middle = format_measured(entries.median, entries.median_std)
         found.append(SummarySentence(entries.title, middle, entries.units, rest))
+    return found
+
+
+def describe_noise(summaries: Mapping[str, MapSummary]) -> dict[str, Any]:
+    """Return the medians with the standard deviation of a pixel, and the titles of those that it exceeds."""
+    found = _main_summaries(summaries)
+    medians = []
+    for entries in found:
+        std = entries.median_std
+        value = format_measured(entries.median, std) if std is None else format_with_std(entries.median or 0.0, std)
+        value = f"({value})" if std is not None and entries.units and not value.startswith("(") else value
+        medians.append(f"{_lower(entries.title)} {value} {entries.units}".rstrip())
+    hidden = [
+        _lower(entries.title)
+        for entries in found
+        if entries.median is not None and entries.median_std is not None and abs(entries.median) < entries.median_std
+    ]
+    return {
+        "medians": ", ".join(medians),
+        "stated": any(entries.median_std is not None for entries in found),
+        "hidden": _join(hidden) if hidden else "",
+    }
+
+
+def _main_summaries(summaries: Mapping[str, MapSummary]) -> list[MapSummary]:
+    """Return depth, motion and growth, as available; growth with its standard deviation only."""
+    found = []
+    for names in (("depth", "disparity"), ("velocity_z", "flow_x"), ("growth_rate",)):
+        name = next((name for name in names if name in summaries and summaries[name].count), None)
+        # Growth is a small difference of large numbers: without a standard deviation, it may be noise.
+        if name is not None and (name != "growth_rate" or summaries[name].median_std is not None):
+            found.append(summaries[name])
     return found
 
 
@@ -375,20 +500,24 @@ def _shape_sentence(score: Score, viewer: Viewer) -> Iterator[SummarySentence]:
 def _motion_sentence(score: Score, viewer: Viewer) -> Iterator[SummarySentence]:
     regions = score.regions
     if ENDPOINT in regions["all"]:
-        yield _sentence(score, viewer, "Motion", ENDPOINT, _signal(regions["interior"][ENDPOINT], ENDPOINT))
+        inner = regions["interior"]
+        signal = ", ".join(filter(None, (_signal(inner[ENDPOINT], ENDPOINT), _dominant_component(inner))))
+        yield _sentence(score, viewer, "Motion", ENDPOINT, signal)
     elif "flow_x" in regions["all"]:
         rms = _length(regions["interior"])
         truth = math.hypot(*(_true_rms(regions["interior"][name]) or 0.0 for name in ("flow_x", "flow_y")))
-        signal = f"{format_percent_value(rms / truth)} % of the true flow" if rms is not None and truth else ""
+        signal = _share_of(rms / truth, "the true flow") if rms is not None and truth else ""
         worst = _worst_region({region: _length(values) for region, values in _large(score, "flow_x")}, "px/frame")
         yield SummarySentence(
             "Optical flow",
             format_number(rms),
             "px/frame",
-            _tail(signal, worst),
+            _tail(signal, rms, _length(regions["all"]), "px/frame", worst),
             viewer.worst.get("flow"),
             "flow_endpoint:error",
             viewer.pictures.get("flow"),
+            rms / truth if rms is not None and truth else None,
+            format_number(_length(regions["all"])),
         )
 
 
@@ -435,16 +564,21 @@ def _sentence(
         title,
         format_number(rms),
         units,
-        _tail(signal, worst),
+        _tail(signal, rms, score.regions["all"][name]["rmse"], units, worst),
         viewer.worst.get(place),
         f"{place}:error",
         viewer.pictures.get(place),
+        score.regions["interior"][name].get("relative_rmse"),
+        format_number(score.regions["all"][name]["rmse"]),
     )
 
 
-def _tail(signal: str, worst: str) -> str:
-    text = "RMSE in the interior" + (f", {signal}" if signal else "")
-    return f"{text}. Region with the largest RMSE: {worst}." if worst else f"{text}."
+def _tail(signal: str, rms: float | None, whole: float | None, units: str, worst: str) -> str:
+    text = "RMSE in the interior" + (f", {signal}" if signal else "") + "."
+    if rms is not None and whole is not None:
+        smaller = " (less than in the interior: edges do not dominate this error)" if whole < rms else ""
+        text += f" Over all valid pixels: {format_number(whole)} {units}{smaller}."
+    return f"{text} Region with the largest RMSE: {worst}." if worst else text
 
 
 def _signal(values: Values, name: str) -> str:
@@ -465,6 +599,18 @@ def _true_rms(values: Values) -> float | None:
     return rms / relative if rms and relative else None
 
 
+def _dominant_component(values: Mapping[str, Values]) -> str:
+    """Return the component of the velocity with at least half of the squared error; empty if there is none."""
+    whole = values[ENDPOINT]["rmse"]
+    for axis in "xyz":
+        part = values.get(f"velocity_{axis}", {}).get("rmse")
+        if whole and part and part**2 >= 0.5 * whole**2:
+            share = part**2 / whole**2
+            percent = "over 99" if share > 0.99 else f"{100 * share:.0f}"
+            return f"mainly in {axis.upper()} ({percent} % of the mean square)"
+    return ""
+
+
 def _length(values: Mapping[str, Values]) -> float | None:
     parts = [values[name]["rmse"] for name in ("flow_x", "flow_y")]
     known = [part for part in parts if part is not None]
@@ -472,9 +618,10 @@ def _length(values: Mapping[str, Values]) -> float | None:
 
 
 def _large(score: Score, name: str) -> Iterator[tuple[str, Mapping[str, Values]]]:
-    """Yield the further regions with enough scored pixels."""
+    """Yield the further regions with enough scored pixels, of which the region is not nearly empty."""
     for region, values in score.regions.items():
-        if region not in REGIONS and (values[name]["count"] or 0) >= _FEW:
+        enough = (values[name]["count"] or 0) >= _FEW and (values[name].get("density") or 0.0) >= _LEAST_DENSITY
+        if region not in REGIONS and enough:
             yield region, values
 
 

@@ -7,6 +7,7 @@ import io
 import json
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Future
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +20,14 @@ from scenetruth.number_format import flatten, format_count, format_number, forma
 from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
 from scenetruth.results import Result
-from scenetruth.schema import check_same_run, read_intrinsics, read_scene
+from scenetruth.schema import check_same_run, read_intrinsics, read_object_names, read_scene
 from scenetruth.scoring.figures import FigureInfo, plot_all
 from scenetruth.scoring.report.report_content import (
     build_score_content,
+    describe_invalidity,
     describe_maps,
+    describe_noise,
+    interior_share,
     state_result,
     summarise_estimate,
     summarise_score,
@@ -39,6 +43,11 @@ _SCREEN_SCALE = 0.6
 _HEAD = 2000
 """Number of characters at the beginning of a page that contain the fingerprint."""
 _SHOWN_ELSEWHERE = ("warnings", "score_settings")
+_PROVENANCE = {
+    "frames": "scored frames t",
+    "margin_px": "margin of the interior [px]",
+    "working_point_px": "disparity to which images are shifted, median [px]",
+}
 
 
 def write_report(
@@ -182,7 +191,7 @@ def write_report_with(
     )
     viewer = build_viewer(recording, estimate, truth, score)
     page = target / "report.html"
-    rendered = _render(recording, estimate, score, drawn, target / "figures", made_of, viewer, practice)
+    rendered = _render(recording, estimate, truth, score, drawn, target / "figures", made_of, viewer, practice)
     page.write_text(rendered, encoding="utf-8")
     return page
 
@@ -199,6 +208,7 @@ def matches_fingerprint(page: Path, made_of: str) -> bool:
 def _render(
     recording: xr.Dataset,
     estimate: xr.Dataset,
+    truth: xr.Dataset | None,
     score: Score | None,
     figures: list[FigureInfo],
     folder: Path,
@@ -211,7 +221,12 @@ def _render(
     scene = read_scene(recording)
     metadata = recording.attrs if score is None else score.metadata
     method = str(estimate.attrs.get("method", ""))
-    content = _content_without_truth(estimate) if score is None else _content_with_truth(score, viewer, method)
+    content = _content_without_truth(estimate)
+    if score is not None:
+        content = _content_with_truth(score, viewer, method)
+        names = [] if truth is None or "object_id" not in truth else read_object_names(truth)
+        content["empty_objects"] = [f"“{name}”" for name in names if f"object_{name}" not in score.regions]
+        content["invalid"] = describe_invalidity(estimate)
     template = "without_truth.html.j2" if score is None else "with_truth.html.j2"
     page = environment.get_template(template).render(
         made_of=made_of,
@@ -233,15 +248,17 @@ def _render(
 def _content_with_truth(score: Score, viewer: Viewer, method: str) -> dict[str, Any]:
     """Return the template values of a score, without maps, figures and provenance."""
     sentences = summarise_score(score, viewer)
-    return {**build_score_content(score), "sentences": sentences, "result": state_result(sentences, method)}
+    result = state_result(sentences, method, interior_share(score))
+    return {**build_score_content(score), "sentences": sentences, "result": result}
 
 
 def _content_without_truth(estimate: xr.Dataset) -> dict[str, Any]:
     """Return the template values of an estimate without truth, without maps, figures and provenance."""
     found = describe_maps(estimate)
-    # Growth is a small difference of large numbers: without a standard deviation, it may be noise.
-    cards = [one for name, one in found.items() if name != "growth_rate" or one.median_std is not None]
-    return {"rows": list(found.values()), "cards": cards, "sentences": summarise_estimate(found)}
+    sentences = summarise_estimate(found)
+    # The table has the others.
+    cards = [one for one in found.values() if one.title in {each.title for each in sentences}]
+    return {"rows": list(found.values()), "cards": cards, "sentences": sentences, "noise": describe_noise(found)}
 
 
 _PRACTICE_COLUMNS = ("group", "field", "value", "unit", "source")
@@ -257,7 +274,22 @@ def _practice_rows(good_practice: Result | None) -> tuple[list[dict[str, Any]], 
     table = good_practice.to_dataframe()
     if tuple(table.columns) != _PRACTICE_COLUMNS:
         return [], [Problem("good_practice", wanted, type(good_practice).__name__)]
-    return [dict(zip(_PRACTICE_COLUMNS, row, strict=True)) for row in table.itertuples(index=False)], []
+    rows = [dict(zip(_PRACTICE_COLUMNS, row, strict=True)) for row in table.itertuples(index=False)]
+    return [*_merged(rows)], []
+
+
+def _merged(rows: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Yield the fields, and those without data next to each other for the same reason as one row of a group."""
+    for (_, value, unit, source), run in groupby(
+        rows, lambda row: (row["group"], row["value"], row["unit"], row["source"])
+    ):
+        same = [*run]
+        if len(same) > 1 and not unit and not any(character.isdigit() for character in value):
+            names = [str(row["field"]) for row in same]
+            field = ", ".join([names[0], *(f"{name[0].lower()}{name[1:]}" for name in names[1:])])
+            yield {**same[0], "field": field, "value": value, "source": source}
+        else:
+            yield from same
 
 
 def _notices(metadata: Mapping[str, Any]) -> Iterator[str]:
@@ -279,8 +311,10 @@ def _metadata_rows(recording: xr.Dataset, estimate: xr.Dataset, score: Score | N
     known = {key: recording.attrs[key] for key in of_recording if key in recording.attrs}
     known |= {key: estimate.attrs[key] for key in ("method",) if key in estimate.attrs}
     for key, value in {**known, **(score.metadata if score else {})}.items():
-        if key not in _SHOWN_ELSEWHERE and value is not None:
-            yield humanise(key), flatten(value)
+        # Frames are those of the first row, if there is only the reference frame.
+        empty = value is None or value in ("", [0])
+        if key not in _SHOWN_ELSEWHERE and not empty:
+            yield _PROVENANCE.get(key, humanise(key)), flatten(value)
 
 
 def inline_picture(file: Path) -> tuple[str, int]:

@@ -196,8 +196,10 @@ def _pictures(
     for name, errors in collect_error_maps(layers):
         place = worst.get(name)
         if name in _PICTURED and place is not None and errors.shape == image.shape:
-            row, column = int(np.argmin(np.abs(y - place.y))), int(np.argmin(np.abs(x - place.x)))
-            yield name, draw_hotspot(image, errors, row, column)
+            row, top = (int(np.argmin(np.abs(y - at))) for at in (place.y, place.top))
+            column, left = (int(np.argmin(np.abs(x - at))) for at in (place.x, place.left))
+            side = round(place.side_px / (float(abs(x[-1] - x[0])) / max(x.size - 1, 1)))
+            yield name, draw_hotspot(image, errors, row, column, (top, left, side))
 
 
 _PICTURED = ("depth", "disparity", "normal", ENDPOINT, "flow", "growth_rate", "growth_rate_windowed")

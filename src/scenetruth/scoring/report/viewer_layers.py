@@ -287,12 +287,17 @@ _BLOCK_PX = 32
 
 @dataclass(frozen=True)
 class ErrorHotspot:
-    """Position, RMSE and side of the square of 32 pixels of the map with the largest errors, in full-image px."""
+    """Largest error, RMSE and side of the square of 32 pixels of the map with the largest errors, in full-image px.
+
+    ``left``, ``top``: The first column and row of the square.
+    """
 
     x: float
     y: float
     rmse: float
     side_px: float
+    left: float
+    top: float
 
 
 def find_error_hotspots(layers: Mapping[str, ViewerLayers], x: Map, y: Map) -> dict[str, ErrorHotspot]:
@@ -333,4 +338,6 @@ def _worst(errors: Map, x: Map, y: Map) -> ErrorHotspot | None:
         y=float(y[row * side + down]),
         rmse=float(rms[row, column]),
         side_px=side * width,
+        left=float(x[column * side]),
+        top=float(y[row * side]),
     )
