@@ -81,7 +81,7 @@ def _summarise_quantity(
 
 
 def _describe_size(total: CombinedUncertainty) -> str:
-    """Return the combined uncertainty beside the true value; one that exceeds the true value comes with that fact."""
+    """Return the combined uncertainty and the true value, and whether the uncertainty exceeds it."""
     unit, size = unit_text(total.unit), format_two_digits(total.value)
     if total.quantity == "depth" or not total.signal > _NO_SIGNAL * total.value:
         return f"combined uncertainty {size} {unit} RMS"
