@@ -307,12 +307,14 @@ def summary(rows: Sequence[dict[str, Any]], quantity: str) -> list[dict[str, str
     lines = [(source, f"published, {name} of {count}", "", value, "", "", "") for name, value in ends]
     for images, code in dict.fromkeys((row["images"], row["method"]) for row in rows):
         own = [row for row in rows if (row["images"], row["method"]) == (images, code)]
-        found = [row["mei_px2"] for row in own if np.isfinite(row["mei_px2"]) and row["mei_px2"] > 0]
+        with_mei = sorted((row for row in own if row["mei_px2"] > 0), key=lambda row: row["mei_px2"])  # none of NaN
+        found = [row["mei_px2"] for row in with_mei]
         periods = [row["first_px"] for row in own if np.isfinite(row["first_px"])]
         reach = " to ".join(dict.fromkeys(f"{end:.0f}" for end in (min(periods), max(periods)))) if periods else ""
-        scatter = [row["scatter_ratio"] for row in sorted(own, key=lambda row: row["mei_px2"])[:3]]
+        scatter = [row["scatter_ratio"] for row in with_mei[:3]]
         lowest = f"{min(found):.3g}" if found else ""
-        lines.append((images, code, str(len(own)), mean_of_lowest(found), lowest, reach, f"{np.mean(scatter):.1f}"))
+        ratio = f"{np.mean(scatter):.1f}" if scatter else ""
+        lines.append((images, code, str(len(own)), mean_of_lowest(found), lowest, reach, ratio))
     lines.sort(key=lambda each: (SOURCES.index(each[0]), not np.isfinite(each[3]), each[3], each[1]))
     return [
         {

@@ -187,14 +187,17 @@ class ImageMotionCriterion(ObjectCriterion):
 
 
 class OccludedFractionCriterion(AcceptanceCriterion):
-    """Fraction of the surface visible to the reference camera that is occluded in another camera, from 0 to 1."""
+    """Fraction of the surface visible to the reference camera that another camera does not show, from 0 to 1."""
 
     kind: Literal["occluded_share"] = "occluded_share"
 
     def measured(self, look: GeometryPreview) -> Iterable[tuple[str, float]]:
         """Return the occluded fraction."""
         seen = look.object_id >= 0
-        yield "occluded share", float(np.mean(look.truth("occluded_across_cameras")[seen])) if seen.any() else 0.0
+        yield (
+            "share not seen by all cameras",
+            float(np.mean(look.truth("occluded_across_cameras")[seen])) if seen.any() else 0.0,
+        )
 
 
 class ResidualDisparityCriterion(AcceptanceCriterion):

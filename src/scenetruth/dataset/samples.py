@@ -69,7 +69,7 @@ STATISTICS = {
     "growth_median_per_hour": "relative growth rate of area, 1/h: median over the pixels that show growing objects; "
     "0 if none grows",
     "seen_share": "fraction of the image that shows a surface",
-    "occluded_share": "fraction of the visible surface that is occluded in another camera",
+    "occluded_share": "fraction of the visible surface that is occluded, or outside the image, in another camera",
     "mixed_share": "fraction of mixed pixels in the image",
 }
 """Descriptions of the columns; all values refer to the reference camera at the reference frame."""

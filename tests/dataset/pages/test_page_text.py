@@ -87,8 +87,8 @@ def test_recipes_in_words(sampler_with: Make) -> None:
     ]
     assert describe_criterion(sampler.recipe.acceptance[0]) == "depth of tile: at most 200 mm"
     assert describe_splits(sampler) == {
-        "train": "75.0 % of samples not held out",
-        "test": "25.0 % of samples not held out",
+        "train": "each sample that is not held out, with a probability of 75 %",
+        "test": "each sample that is not held out, with a probability of 25 %",
         "held_out": "all samples with a: 51",
     }
 

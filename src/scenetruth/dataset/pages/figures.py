@@ -84,7 +84,10 @@ def split_quantities(title: str, unit: str, values: Sequence[Any], *, log: bool 
         numbers = tuple(float(value) for value in values)
         return [PlotQuantity(title, unit, numbers, log=log and min(numbers) > 0)]
     texts = [json.dumps(value, sort_keys=True) for value in values]
-    if len(set(texts)) > _MOST_CATEGORIES:
+    # Directions and positions are no categories, however few there are.
+    if len(set(texts)) > _MOST_CATEGORIES or all(
+        isinstance(value, list | tuple) and len(value) == len(_AXES) for value in values
+    ):
         split = [dict(_leaves(value, "", unit)) for value in values]
         names = list(split[0])
         if names and all(list(one) == names for one in split):

@@ -160,6 +160,9 @@ def describe_distribution(distribution: Distribution) -> str:
     >>> from scenetruth.dataset.distributions import ChoiceDistribution
     >>> describe_distribution(ChoiceDistribution(values=[5, 7, 9], weights=[2, 2, 1]))
     'one of 5 (40 %), 7 (40 %), 9 (20 %)'
+    >>> from scenetruth.dataset.distributions import ConeDistribution
+    >>> describe_distribution(ConeDistribution(axis=[0, 0, 1], half_angle_deg=50))
+    'cone: axis [0, 0, 1], half angle 50°'
     """
     entries = distribution.model_dump(mode="json", exclude_defaults=True)
     if isinstance(distribution, FormulaDistribution):
@@ -168,7 +171,10 @@ def describe_distribution(distribution: Distribution) -> str:
     words = _in_words(kind, entries)
     if not words:
         values = ", ".join(
-            f"{name.replace('_', ' ')} {_value(entries[name])}" for name in entries if name not in _DESCRIBED_SEPARATELY
+            f"{title} {_value(entries[name])}{unit if unit == '°' else f' {unit}' if unit else ''}"
+            for name in entries
+            if name not in _DESCRIBED_SEPARATELY
+            for title, unit in [split_unit(name)]
         )
         words = f"{kind}: {values}" if values else kind
     if isinstance(distribution, RandomDistribution) and distribution.sampling != "independent":
@@ -259,13 +265,14 @@ def describe_splits(sampler: Sampler) -> dict[str, str]:
     recipe = sampler.recipe
     total = sum(recipe.splits.values())
     words = {
-        name: f"{format_number(100 * share / total)} % of samples not held out" for name, share in recipe.splits.items()
+        name: f"each sample that is not held out, with a probability of {format_number(100 * share / total, 2)} %"
+        for name, share in recipe.splits.items()
     }
     if recipe.hold_out:
         held = "; ".join(f"{key}: {', '.join(map(_value, values))}" for key, values in recipe.hold_out.items())
         words[HELD_OUT] = f"all samples with {held}"
     if not recipe.hold_out:
-        words = {name: entries.replace(" of samples not held out", "") for name, entries in words.items()}
+        words = {name: entries.replace(" that is not held out", "") for name, entries in words.items()}
     return words
 
 
