@@ -213,3 +213,16 @@ def test_broken_files_are_read_or_refused(
     assert np.isfinite(value).all()
     assert value.min() >= 0
     assert value.max() <= 1
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_a_line_is_named_once_with_its_number_of_wrong_values(tmp_path: Path, count: int) -> None:
+    *before, line = cosine().rstrip("\n").split("\n")
+    words = line.split()
+    file = write(tmp_path, "\n".join([*before, " ".join([f"-{each}" for each in words[:count]] + words[count:])]))
+    with pytest.raises(st.SceneError) as caught:
+        load_distribution(file)
+    (problem,) = caught.value.problems
+    assert "intensities must not be negative" in problem.message
+    assert (f", {count} numbers" in problem.message) == (count > 1)
+    assert problem.value == -float(words[0])

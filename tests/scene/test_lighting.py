@@ -17,6 +17,7 @@ import scenetruth as st
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.lighting import Lighting
 from scenetruth.scene.scene_report import check_scene, describe_scene, find_lighting_problems
+from tests.helpers.mesh_files import gltf
 from tests.helpers.scenes import SCENES, cube
 
 CENTRE = (0.0, 0.0, 692.56)
@@ -233,6 +234,31 @@ def test_sharp_gloss_under_wide_lamps_is_warned_of(roughness: float, radius_mm: 
     found = [text for text in describe_scene(scene, build_scene(scene), depth).warnings if "roughness" in text]
     assert bool(found) == warned
     assert all("lighting.lights.0: the lamp is wider than its distance from 'cube'" in text for text in found)
+
+
+def test_the_distance_of_a_lamp_is_that_of_the_surface(tmp_path: Path) -> None:
+    """The corners of the plane are 56 mm from the lamp, its middle 40 mm; the file states its roughness."""
+    sphere = {"kind": "sphere", "position_mm": [0, 0, 560], "radius_mm": 25, "irradiance": 0.1}
+    plain = lit(sphere | {"reference_distance_mm": 600}).to_dict()
+    plain["objects"][0] |= {"mesh": {"kind": "plane", "size_mm": [56, 56]}, "pose": {"position_mm": [0, 0, 600]}}
+    plain["objects"][0]["material"] = {"refractive_index": 1.5, "roughness": 0.02}
+    points = np.array([[-28, -28, 0], [28, -28, 0], [28, 28, 0], [-28, 28, 0]], dtype=np.float32)
+    file = tmp_path / "plate.gltf"
+    file.write_text(
+        gltf(
+            {"points": points, "index": np.array([0, 2, 1, 0, 3, 2], dtype=np.uint16)},
+            {"attributes": {"POSITION": "@points"}, "indices": "@index", "material": 0},
+            materials=[{"pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 0.1}}],
+        )
+    )
+    for mesh, material in (
+        (plain["objects"][0]["mesh"], plain["objects"][0]["material"]),
+        ({"kind": "file", "file": str(file), "unit_mm": 1}, {"from_file": True}),
+    ):
+        plain["objects"][0] |= {"mesh": mesh, "material": material}
+        scene = st.Scene.from_dict(plain)
+        with pytest.warns(st.SceneWarning, match="wider than its distance"):
+            check_scene(scene, build_scene(scene))
 
 
 def test_lamps_in_view_and_lamps_that_face_away_are_warned_of() -> None:

@@ -100,9 +100,15 @@ def test_materials_of_gltf_files_are_read(
     ("material", "extensions", "message"),
     [
         ({"metallicRoughnessTexture": {"index": 0}}, {}, "gloss that varies over the surface"),
-        ({"metallicFactor": 2}, {}, "metallicFactor is 2"),
+        ({"metallicFactor": 2}, {}, "metallicFactor must be a number from 0 to 1, and is 2"),
+        ({"roughnessFactor": "x"}, {}, "roughnessFactor must be a number from 0 to 1, and is x"),
+        (
+            {"roughnessFactor": None, "metallicFactor": -1},
+            {"specular": {"specularColorFactor": [1, 1]}, "ior": {"ior": 0}},
+            "metallicFactor .* -1; roughnessFactor .* None; ior .* 0; specularColorFactor .* at least 0, and is",
+        ),
         ({}, {"clearcoat": {"clearcoatFactor": 1}}, "on metal"),
-        ({"metallicFactor": 0}, {"ior": {"ior": 0.5}}, "ior is 0.5"),
+        ({"metallicFactor": 0}, {"ior": {"ior": 0.5}}, "ior must be a number at least 1, and is 0.5"),
         ({}, {"unlit": {}}, "no gloss"),
     ],
 )
@@ -111,6 +117,23 @@ def test_materials_of_gltf_files_that_cannot_be_shown_are_named(
 ) -> None:
     with pytest.raises(SceneError, match=rf"objects\.0\.material\.from_file: .*{message}"):
         read_materials(tmp_path / "square.gltf", with_gloss(material, **extensions))
+
+
+def test_problems_of_all_materials_of_a_gltf_file_are_named(tmp_path: Path) -> None:
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=np.float32)
+    halves = {"lower": np.array([0, 1, 2], dtype=np.uint16), "upper": np.array([0, 2, 3], dtype=np.uint16)}
+    primitives = [
+        {"attributes": {"POSITION": "@points"}, "indices": f"@{half}", "material": n} for n, half in enumerate(halves)
+    ]
+    gloss = [{"metallicFactor": 2}, {"roughnessFactor": 7}]
+    text = gltf(
+        {"points": points, **halves},
+        {},
+        meshes=[{"primitives": primitives}],
+        materials=[{"pbrMetallicRoughness": each} for each in gloss],
+    )
+    with pytest.raises(SceneError, match=r"metallicFactor must .*; material .*: roughnessFactor must"):
+        read_materials(tmp_path / "square.gltf", text)
 
 
 def test_from_file_stands_alone() -> None:

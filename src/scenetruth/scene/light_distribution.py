@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from dataclasses import dataclass
 from functools import lru_cache
@@ -106,6 +107,15 @@ class _Reader:
         place = f"{self._name}: " if line < 0 else f"{self._name}, line {line + 1}: "
         self._problems.append(Problem("file", place + message, value))
 
+    def _add_by_line(self, wrong: list[tuple[int, object]], message: str) -> None:
+        """Add a problem of several numbers, given as line and value: one for each line, with its first value."""
+        by_line: dict[int, list[object]] = {}
+        for line, value in wrong:
+            by_line.setdefault(line, []).append(value)
+        for line, values in itertools.islice(by_line.items(), _MOST_SHOWN):
+            more = f", {len(values)} numbers" if len(values) > 1 else ""
+            self._add(line, message + more, values[0])
+
     def _stop(self) -> None:
         """Raise an error if there are problems."""
         if self._problems:
@@ -130,18 +140,19 @@ class _Reader:
 
     def _read_numbers(self, first: int) -> None:
         """Read all numbers from a line on."""
-        values = []
+        values, wrong = [], list[tuple[int, object]]()
         for number, line in enumerate(self._lines[first:], first):
             for word in line.replace(",", " ").split():
                 try:
                     value = float(word) if "_" not in word else np.nan
                 except ValueError:
                     value = np.nan
-                if not np.isfinite(value) and len(self._problems) < _MOST_SHOWN:
-                    self._add(number, "must be a finite number", word)
+                if not np.isfinite(value):
+                    wrong.append((number, word))
                 values.append(value)
                 self._line_of.append(number)
         self._numbers = np.array(values)
+        self._add_by_line(wrong, "must be a finite number")
         self._stop()
 
     def _counts(self) -> tuple[int, int]:
@@ -171,10 +182,13 @@ class _Reader:
             self._stop()
         return vertical, horizontal
 
+    def _at(self, place: int) -> tuple[int, object]:
+        """Return line and value of a number."""
+        return self._line_of[place], float(self._numbers[place])
+
     def _check_ascending(self, begin: int, end: int, name: str) -> None:
         falling = np.flatnonzero(np.diff(self._numbers[begin:end]) <= _LEAST_STEP) + begin + 1
-        for place in falling[:_MOST_SHOWN]:
-            self._add(self._line_of[place], f"{name} angles must ascend", float(self._numbers[place]))
+        self._add_by_line([self._at(place) for place in falling.tolist()], f"{name} angles must ascend")
 
     def _check_vertical(self, begin: int, end: int) -> None:
         self._check_ascending(begin, end, "vertical")
@@ -195,9 +209,9 @@ class _Reader:
             self._add(self._line_of[end - 1], message, float(last))
 
     def _check_intensity(self, begin: int) -> None:
-        for place in (np.flatnonzero(self._numbers[begin:] < 0) + begin)[:_MOST_SHOWN]:
-            self._add(self._line_of[place], "intensities must not be negative", float(self._numbers[place]))
-        if not (self._numbers[begin:] > 0).any():
+        negative = np.flatnonzero(self._numbers[begin:] < 0) + begin
+        self._add_by_line([self._at(place) for place in negative.tolist()], "intensities must not be negative")
+        if not self._numbers[begin:].any():
             self._add(self._line_of[begin], "all intensities are 0: the lamp gives no light; use another file", None)
 
 

@@ -140,6 +140,10 @@ class Lamp:
             return across <= inner and down <= outer
         return inner <= float(np.hypot(across, down)) <= outer
 
+    def distance_mm(self, corners_mm: NDArray[np.float64]) -> float:
+        """Return the distance of triangles, shape (n, 3, 3), from the position of the lamp; infinite without one."""
+        return np.inf if self.position_mm is None else float(_distance_from_origin(corners_mm - self.position_mm).min())
+
     def is_crossed_by(self, corners_mm: NDArray[np.float64]) -> bool:
         """Return whether any of the triangles, shape (n, 3, 3), passes through a lamp with a size."""
         if self.area is None or self.position_mm is None:

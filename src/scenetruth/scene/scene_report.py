@@ -208,16 +208,19 @@ def _lamp_warnings(scene: Scene, world: BuiltScene) -> list[str]:
 
 def _gloss_warnings(scene: Scene, world: BuiltScene) -> list[str]:
     """Return warnings of sharp gloss that reflects lamps wider than their distance."""
+    # Bodies of a preview have no materials.
     sharp = {item.name: item.material.least_roughness for _, item in scene.parts}
+    for body in world.bodies:
+        own = [material.least_roughness for material in body.materials]
+        sharp[body.name] = min(sharp.get(body.name, np.inf), *own)
     messages = []
     for number, lamp in enumerate(scene.band_scenes()[0].lighting.lamps_at(0.0)):
         if lamp.area is None or lamp.position_mm is None:
             continue
         reach = float(np.linalg.norm(lamp.outline_mm() - lamp.position_mm, axis=1).max())
         for body in world.bodies:
-            roughness = sharp.get(body.name, np.inf)
-            near = float(np.linalg.norm(body.vertices_mm - lamp.position_mm, axis=1).min())
-            if roughness < _SHARPEST_GLOSS and near < 2 * reach:
+            roughness = sharp[body.name]
+            if roughness < _SHARPEST_GLOSS and lamp.distance_mm(body.vertices_mm[body.faces]) < 2 * reach:
                 message = f"lighting.lights.{number}: the lamp is wider than its distance from '{body.name}', whose "
                 message += f"roughness of {roughness:g} is below {_SHARPEST_GLOSS:g}: reflections have errors of up to "
                 messages.append(f"{message}a third; use a smaller lamp or a rougher surface")

@@ -137,9 +137,9 @@ class MeshAppearance:
 
         Raises MeshFileError if a face has none.
         """
-        for n in self.used:
-            if self.materials[n].gloss_problem is not None:
-                raise MeshFileError(self.materials[n].gloss_problem)
+        problems = [problem for n in self.used if (problem := self.materials[n].gloss_problem) is not None]
+        if problems:
+            raise MeshFileError("; ".join(problems))
         found = {n: gloss for n in self.used if (gloss := self.materials[n].gloss) is not None}
         without = ~np.isin(self.material_of, list(found))
         if without.any():
@@ -149,10 +149,9 @@ class MeshAppearance:
 
     def check(self) -> None:
         """Raise MeshFileError if the colours cannot be shown."""
-        for n in self.used:
-            problem = self.materials[n].problem
-            if problem is not None:
-                raise MeshFileError(problem)
+        problems = [problem for n in self.used if (problem := self.materials[n].problem) is not None]
+        if problems:
+            raise MeshFileError("; ".join(problems))
 
     def shape(self) -> tuple[int, int]:
         """Return height and width of the picture of `lay`, at low cost if it is a single one."""

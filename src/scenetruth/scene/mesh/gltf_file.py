@@ -405,29 +405,47 @@ def _gloss(entry: Plain) -> FileGloss | None:
     if varying:
         msg = f"gloss that varies over the surface is not read ({', '.join(varying)}); bake it into one value"
         raise ValueError(msg)
-    metallic, rough = float(base.get("metallicFactor", 1)), float(base.get("roughnessFactor", 1))
-    index, specular = float(parts["ior"].get("ior", 1.5)), float(parts["specular"].get("specularFactor", 1))
-    specular *= float(np.mean(parts["specular"].get("specularColorFactor", (1, 1, 1))))
-    coat = float(parts["clearcoat"].get("clearcoatFactor", 0))
-    passed = float(parts["diffuse_transmission"].get("diffuseTransmissionFactor", 0))
-    shares = {"metallicFactor": metallic, "roughnessFactor": rough, "clearcoatFactor": coat,
-              "diffuseTransmissionFactor": passed}  # fmt: skip
-    for name, value in shares.items():
-        if not 0 <= value <= 1:
-            msg = f"{name} is {value:g}, not from 0 to 1"
-            raise ValueError(msg)
-    if not (index >= 1 and specular >= 0):
-        msg = f"ior is {index:g} and the factor of the specular reflection {specular:g}"
-        raise ValueError(msg)
+    numbers = {
+        "metallicFactor": base.get("metallicFactor", 1),
+        "roughnessFactor": base.get("roughnessFactor", 1),
+        "clearcoatFactor": parts["clearcoat"].get("clearcoatFactor", 0),
+        "clearcoatRoughnessFactor": parts["clearcoat"].get("clearcoatRoughnessFactor", 0),
+        "diffuseTransmissionFactor": parts["diffuse_transmission"].get("diffuseTransmissionFactor", 0),
+        "ior": parts["ior"].get("ior", 1.5),
+        "specularFactor": parts["specular"].get("specularFactor", 1),
+        "specularColorFactor": parts["specular"].get("specularColorFactor", (1, 1, 1)),
+    }
+    problems = [problem for name, value in numbers.items() if (problem := _number_problem(name, value))]
+    if problems:
+        raise ValueError("; ".join(problems))
+    metallic, rough, coat, coat_rough, passed, index, specular = (
+        float(value) for name, value in numbers.items() if name != "specularColorFactor"
+    )
+    specular *= float(np.mean(numbers["specularColorFactor"]))
     if coat > 0:
         if coat < 1 or metallic > 0:
             msg = "a clear coat of a part of the surface, or on metal, is not simulated"
             raise ValueError(msg)
         # The coat has the index 1.5; between it and a base of that index, nothing is reflected.
-        index, specular, rough = 1.5, 1.0, float(parts["clearcoat"].get("clearcoatRoughnessFactor", 0))
+        index, specular, rough = 1.5, 1.0, coat_rough
     amplitude = min(math.sqrt(specular) * (index - 1) / (index + 1), _MOST_AMPLITUDE)
     roughness = max(rough**2, _LEAST_ROUGHNESS)
     return FileGloss((1 + amplitude) / (1 - amplitude), roughness, metallic, 1 - passed, passed)
+
+
+def _number_problem(name: str, value: Any) -> str:
+    """Return why a value of a material is out of its range; empty if it is not."""
+    try:
+        given = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        given = np.array(math.nan)
+    size = (3,) if name == "specularColorFactor" else ()
+    low, high = (1.0, math.inf) if name == "ior" else (0.0, math.inf if name == "specularColorFactor" else 1.0)
+    if given.shape == size and np.isfinite(given).all() and ((given >= low) & (given <= high)).all():
+        return ""
+    allowed = f"at least {low:g}" if high == math.inf else f"from {low:g} to {high:g}"
+    what = "must be three numbers" if size else "must be a number"
+    return f"{name} {what} {allowed}, and is {value!s:.60}"
 
 
 def _texture_map(document: GltfDocument, texture: Plain, ignored: dict[str, None]) -> TextureMap:
