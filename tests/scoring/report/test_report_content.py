@@ -132,6 +132,8 @@ def test_growth_is_a_headline_with_its_standard_deviation_only(full_case: Case) 
     stated = dataclasses.replace(growing, median_std=0.25)
     growth = summarise_estimate(found | {"growth_rate": stated})[-1]
     assert (growth.title, growth.figure) == ("Growth rate", "1.13")
+    # The first sentence of the page has the bar as well.
+    assert growth.with_std == "1.13 ± 0.25"
     assert "with a median stated standard deviation of 0.25 %/h" in growth.rest
 
 

@@ -11,7 +11,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from scenetruth.number_format import UNDEFINED, format_measured, format_number, format_percent_value, format_share
+from scenetruth.number_format import (
+    UNDEFINED,
+    format_measured,
+    format_number,
+    format_percent_value,
+    format_share,
+    format_with_std,
+)
 from scenetruth.schema import read_intrinsics
 from scenetruth.scoring.alignment import check_estimate, count_blocks, iterate_blocks
 from scenetruth.scoring.common_statistics import COMMON_STATISTICS
@@ -267,7 +274,10 @@ Values = Mapping[str, float | int | None]
 
 @dataclass(frozen=True)
 class SummarySentence:
-    """One entry of the summary: subject, number and text; position, viewer layer and picture of the largest errors."""
+    """One entry of the summary: subject, number and text; position, viewer layer and picture of the largest errors.
+
+    ``with_std``: The number with its standard deviation, without units, if an estimate without truth states it.
+    """
 
     title: str
     figure: str
@@ -276,6 +286,7 @@ class SummarySentence:
     place: ErrorHotspot | None = None
     layer: str = ""
     picture: HotspotPicture | None = None
+    with_std: str = ""
 
     @property
     def where(self) -> str:
@@ -353,7 +364,10 @@ def summarise_estimate(summaries: Mapping[str, MapSummary]) -> list[SummarySente
             f"The density is {format_percent_value(entries.density)} % of all pixels."
         )
         middle = format_measured(entries.median, entries.median_std)
-        found.append(SummarySentence(entries.title, middle, entries.units, rest))
+        stated = ""
+        if entries.median is not None and entries.median_std is not None:
+            stated = format_with_std(entries.median, entries.median_std)
+        found.append(SummarySentence(entries.title, middle, entries.units, rest, with_std=stated))
     return found
 
 
