@@ -97,7 +97,7 @@ def _print_budget(found: Budget, region: str) -> None:
     from rich.table import Table
 
     from scenetruth.cli.console import make_console
-    from scenetruth.design.uncertainty.budget_report import SHOWN_QUANTITIES
+    from scenetruth.design.uncertainty.budget_report import SHOWN_QUANTITIES, format_contribution
     from scenetruth.design.uncertainty.uncertainty_budget import unit_text
     from scenetruth.errors import visible
     from scenetruth.number_format import format_two_digits
@@ -112,13 +112,8 @@ def _print_budget(found: Budget, region: str) -> None:
         for name in ("part", "predicted", "simulated"):
             table.add_column(name, justify="right")
         for one in found.contributions(quantity, region):
-            cells = (
-                one.title,
-                one.size,
-                format_two_digits(one.value),
-                format_two_digits(one.predicted),
-                format_two_digits(one.simulated),
-            )
+            values = (one.value, one.predicted, one.simulated)
+            cells = (one.title, one.size, *(format_contribution(value, total.root_sum_square) for value in values))
             table.add_row(*(visible(cell, lines=False) for cell in cells))
         table.add_row("root of the sum of squares", "", format_two_digits(total.root_sum_square), "", "")
         table.add_row("all sources", "", "", "", format_two_digits(total.simulated))
