@@ -26,6 +26,8 @@ def test_the_command(tmp_path: Path) -> None:
     assert "Depth: " in done.stdout
     assert "focal length" in done.stdout
     assert "baseline" not in done.stdout
+    # Rounding errors of zero contributions are zero, as in the page.
+    assert "× 10⁻¹" not in done.stdout
     assert (tmp_path / "b" / "waterfall.png").exists()
     wrong = scenetruth("design", "budget", file, *few, "--region", "nowhere")
     assert wrong.returncode == 2

@@ -98,7 +98,7 @@ def _print_budget(found: Budget, region: str) -> None:
     from rich.table import Table
 
     from scenetruth.cli.console import make_console
-    from scenetruth.design.uncertainty.budget_report import SHOWN_QUANTITIES
+    from scenetruth.design.uncertainty.budget_report import SHOWN_QUANTITIES, format_contribution
     from scenetruth.design.uncertainty.uncertainty_budget import unit_text
     from scenetruth.errors import visible
     from scenetruth.scoring.quantities import get_title
@@ -112,13 +112,8 @@ def _print_budget(found: Budget, region: str) -> None:
         for name in ("part", "predicted", "simulated"):
             table.add_column(name, justify="right")
         for one in found.contributions(quantity, region):
-            cells = (
-                one.title,
-                one.size,
-                format_two_digits(one.value),
-                format_two_digits(one.predicted),
-                format_two_digits(one.simulated),
-            )
+            values = (one.value, one.predicted, one.simulated)
+            cells = (one.title, one.size, *(format_contribution(value, total.root_sum_square) for value in values))
             table.add_row(*(visible(cell, lines=False) for cell in cells))
         table.add_row("root of the sum of squares", "", format_two_digits(total.root_sum_square), "", "")
         table.add_row("all sources", "", "", "", format_two_digits(total.simulated))
@@ -325,6 +320,7 @@ def _print_best(found: Sweep, region: str) -> None:
 
     from scenetruth.cli.console import make_console
     from scenetruth.design.sweeps.plot_model import choose_main_region, describe_place, list_plotted_quantities
+    from scenetruth.design.sweeps.sweep_report import names_methods, unit_text
     from scenetruth.errors import ArgumentError, Problem, visible
     from scenetruth.scoring.quantities import get_title
 
@@ -336,7 +332,7 @@ def _print_best(found: Sweep, region: str) -> None:
             [Problem("--region", f"must be one of {', '.join(sorted(regions))}", region)], source="a sweep"
         )
     table = Table(title=f"smallest RMSE of each quantity, region {region}", title_justify="left")
-    for heading in ("quantity", "RMSE", "95 %", "unit", "at", "method"):
+    for heading in ("quantity", "RMSE", "95 %", "unit", "at", *(["method"] if names_methods(found) else [])):
         table.add_column(heading, overflow="fold")
     for quantity in list_plotted_quantities(found):
         try:
@@ -347,7 +343,8 @@ def _print_best(found: Sweep, region: str) -> None:
         scene = f"{best.scene}: " if len(found.scenes) > 1 else ""
         interval = format_interval(best.ci_low, best.ci_high) or UNDEFINED
         value = format_measured(best.value, 0.5 * (best.ci_high - best.ci_low))
-        cells = (get_title(quantity), value, interval, best.unit, scene + at, best.method)
+        cells = [get_title(quantity), value, interval, unit_text(best.unit), scene + at]
+        cells += [best.method] if names_methods(found) else []
         table.add_row(*(visible(cell, lines=False) for cell in cells))
     make_console().print(table)
     for line in (*found.notes, *found.failures):

@@ -24,7 +24,7 @@ from scenetruth.errors import OutputExistsError, RecipeError, StoreError
 from tests.helpers.command_line import scenetruth
 from tests.helpers.nightly import nightly
 from tests.helpers.page_words import without_definitions
-from tests.helpers.small_recipes import RECIPE
+from tests.helpers.small_recipes import RECIPE, SCENE
 
 HOSTILE = "<script>alert(1)</script> | **bold** [link](x) {{ 7 * 7 }}"
 PUBLISHED: dict[str, Any] = {"version": "1.2.0", "date": "2026-11-23", "url": "https://example.org/tiles"}
@@ -107,6 +107,19 @@ def test_card(dataset: Path) -> None:
         write_card(dataset, **PUBLISHED)
     write_card(dataset, **PUBLISHED, overwrite=True)
     assert files(dataset) == first
+
+
+@nightly
+def test_statistics_that_do_not_vary_are_listed(tmp_path: Path) -> None:
+    """Nothing is drawn of them, and their table is in the page as in the text."""
+    recipe = {name: value for name, value in RECIPE.items() if name != "distributions"} | {"samples": 2}
+    folder = tmp_path / "same"
+    run_dataset(recipe | {"base": [{"scene": SCENE | {"frames": {"count": 1}}}]}, output=folder)
+    text = without_definitions(write_card(folder).read_text(encoding="utf-8"))
+    assert "statistics.png" not in text
+    told = text.partition("<h2>Distributions</h2>")[2].partition("<h2>Reading</h2>")[0]
+    assert '<th scope="row">depth min [mm]</th>' in told
+    assert "| depth min " in (folder / "card.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.usefixtures("undrawn_figures")

@@ -29,7 +29,7 @@ from scenetruth.scoring import QUANTITIES, get_units
 from scenetruth.scoring.quantities import get_title
 from scenetruth.scoring.statistics import STATISTIC_TITLES
 
-__all__ = ["build_chart", "write_sweep_report"]
+__all__ = ["build_chart", "names_methods", "unit_text", "write_sweep_report"]
 
 
 _SYMBOLS = ("circle", "square", "diamond", "cross", "x", "triangle-up", "star", "hexagon")
@@ -213,7 +213,7 @@ def write_sweep_report(found: Sweep, folder: str | Path, again: str = "") -> Pat
         best=_find_best(found, region),
         per_frame=_INTERVAL in found.factors,
         result=_state_result(found, region),
-        best_columns=["quantity", "RMSE", "95 %", "unit", "at", *(["method"] if _names_methods(found) else [])],
+        best_columns=["quantity", "RMSE", "95 %", "unit", "at", *(["method"] if names_methods(found) else [])],
         columns=[*titles.values(), *_COLUMNS],
         titles=titles,
         lines=lines[:_MOST_LINES],
@@ -260,17 +260,17 @@ def _find_best(found: Sweep, region: str) -> list[list[str]]:
             continue
         where = describe_place(row)
         scene = f"{row.scene}: " if len(found.scenes) > 1 else ""
-        method = [row.method] if _names_methods(found) else []
-        lines.append([get_title(quantity), _number(row), _interval(row), _unit(row.unit), scene + where, *method])
+        method = [row.method] if names_methods(found) else []
+        lines.append([get_title(quantity), _number(row), _interval(row), unit_text(row.unit), scene + where, *method])
     return lines
 
 
-def _names_methods(found: Sweep) -> bool:
+def names_methods(found: Sweep) -> bool:
     """Return whether points are named with their methods: levels of the method name them already."""
     return len(found.methods) > 1 and "estimate.method" not in found.factors
 
 
-def _unit(unit: str) -> str:
+def unit_text(unit: str) -> str:
     """Return a unit; a dash for a ratio."""
     return UNDEFINED if unit in ("", "1") else unit
 

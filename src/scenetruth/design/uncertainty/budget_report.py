@@ -18,7 +18,15 @@ from scenetruth.scoring.quantities import get_title
 if TYPE_CHECKING:
     from scenetruth.design.uncertainty.uncertainty_budget import Budget
 
-__all__ = ["SHOWN_QUANTITIES", "WaterfallBar", "compute_bars", "make_waterfalls", "write_page", "write_waterfall"]
+__all__ = [
+    "SHOWN_QUANTITIES",
+    "WaterfallBar",
+    "compute_bars",
+    "format_contribution",
+    "make_waterfalls",
+    "write_page",
+    "write_waterfall",
+]
 
 
 SHOWN_QUANTITIES = ("depth", "velocity_x", "velocity_y", "velocity_z", GROWTH)
@@ -292,9 +300,13 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
     return path
 
 
+def format_contribution(value: float, combined: float) -> str:
+    """Return a contribution as text; what rounding leaves of a contribution that is zero is shown as zero."""
+    return "0" if abs(value) < _ROUNDING * combined else format_two_digits(value)
+
+
 def _cell(value: float, combined: float) -> HtmlCell:
-    """Return a contribution; what rounding leaves of a contribution that is zero is shown as zero."""
-    return HtmlCell("0" if abs(value) < _ROUNDING * combined else format_two_digits(value), value)
+    return HtmlCell(format_contribution(value, combined), value)
 
 
 _ROUNDING = 1e-6
