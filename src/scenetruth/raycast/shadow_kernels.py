@@ -22,6 +22,7 @@ __all__ = [
     "cell_of",
     "confirm_blocked",
     "flatten_faces",
+    "kinds_above",
     "parallel_shadows",
     "sort_faces",
 ]
@@ -431,3 +432,58 @@ def _parallel_shadows(
             out[n] = (
                 UNSURE if used > _MOST else _decide(numbers, tolerance, u, v, h, own[n], touched, met, used, neighbours)
             )
+
+
+def kinds_above(
+    light: FacesInLight,
+    points: NDArray[np.float64],
+    own: NDArray[np.int32],
+    wanted: NDArray[np.bool_],
+    kinds: NDArray[np.uint8],
+    apart: float,
+) -> NDArray[np.uint64]:
+    """Return the kinds of the faces between points and parallel light, one bit each from the lowest, shape (n,).
+
+    Faces are hit as in `parallel_shadows` without confirmation.
+
+    ``kinds``: Kind of each face, below 64, shape (m,).
+    ``apart``: Distance in mm up to which faces do not count.
+    """
+    out = np.zeros(points.shape[0], dtype=np.uint64)
+    in_bands(_kinds_above, points.shape[0], light, points, own, wanted, kinds, apart, out, least=_LEAST)
+    return out
+
+
+@kernel()
+def _kinds_above(
+    low: int, high: int, light: FacesInLight, points: NDArray[np.float64], own: NDArray[np.int32],
+    wanted: NDArray[np.bool_], kinds: NDArray[np.uint8], apart: float, out: NDArray[np.uint64],
+) -> None:  # fmt: skip
+    frame, tolerance, numbers = light.frame, light.tolerance, light.numbers
+    listed, large = light.listed, light.large
+    for n in range(low, high):
+        if not wanted[n]:
+            continue
+        u = points[n, 0] * frame[0, 0] + points[n, 1] * frame[0, 1] + points[n, 2] * frame[0, 2]
+        v = points[n, 0] * frame[1, 0] + points[n, 1] * frame[1, 1] + points[n, 2] * frame[1, 2]
+        h = points[n, 0] * frame[2, 0] + points[n, 1] * frame[2, 1] + points[n, 2] * frame[2, 2]
+        cell = cell_of(v, light.low[1], light.per_cell, light.rows - 1) * light.columns
+        cell += cell_of(u, light.low[0], light.per_cell, light.columns - 1)
+        first = light.starts[cell]
+        entries = light.starts[cell + 1] - first
+        found, entry = np.uint64(0), -1
+        while entry + 1 < entries + large.shape[0]:
+            entry += 1
+            face = listed[first + entry] if entry < entries else large[entry - entries]
+            if numbers[face, LOWEST] - tolerance > h:
+                # All following faces are behind the point too.
+                entry = max(entry, entries - 1)
+                continue
+            bit = np.uint64(1) << np.uint64(kinds[face])
+            if found & bit or face == own[n]:
+                continue
+            height = numbers[face, PLANE] * u + numbers[face, PLANE + 1] * v + numbers[face, PLANE + 2]
+            nearer = height < h - apart and numbers[face, STEEP] < np.inf
+            if nearer and _inside(numbers, face, u, v) >= 0.0:
+                found |= bit
+        out[n] = found

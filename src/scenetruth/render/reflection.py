@@ -20,6 +20,7 @@ from scenetruth.scene.material import Material
 __all__ = ["Reflection", "ReflectionTables", "SeenPoints", "light_of", "pack_materials"]
 
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # multiplier that combines the zones of all lights into one number
+_MOST_KINDS = 64  # number of surfaces that cast shadows up to which one search finds those above a point
 
 
 class ReflectionTables(NamedTuple):
@@ -171,8 +172,10 @@ class _Sheet:
 class Reflection:
     """Light that surfaces of any material reflect and transmit towards the camera."""
 
-    def __init__(self, lighting: Lighting, world: BuiltScene) -> None:
+    def __init__(self, lighting: Lighting, world: BuiltScene, *, confirmed: bool = True) -> None:
         self._lighting = lighting
+        self._confirmed = confirmed  # see `ShadowCaster.blocked_parallel`
+        self._shadows: tuple[ShadowCaster, NDArray[np.uint8]] | None = None
         self._world = world
         self._tangent: tuple[RayCaster, NDArray[np.float64]] | None = None
         self._kinds: list[tuple[NDArray[np.int64], Topology, float]] | None = None
@@ -180,12 +183,13 @@ class Reflection:
 
     def light(
         self, caster: RayCaster, lamps: list[Lamp], place: SeenPoints, optics: ReflectionTables | None = None,
-        *, centres: bool = False,
+        *, centres: bool = False, states_only: bool = False,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint64], NDArray[np.uint64]]:  # fmt: skip
         """Compute factors, gloss, state numbers and blocked lamps of points, see `shading.Arrived`.
 
         ``optics``: Parameters of the reflecting points in place of those of their materials, which cast the shadows.
         ``centres``: Whether the points are those at the pixel centres of the prepared image.
+        ``states_only``: Whether factors and gloss are left at 0.
         """
         from scenetruth.render.reflectance_kernels import reflect_ambient, reflect_light
 
@@ -194,15 +198,17 @@ class Reflection:
         factors, gloss = np.zeros((2, len(points_mm)))
         state, blocked = np.zeros((2, len(points_mm)), dtype=np.uint64)
         ambient = self._lighting.ambient_irradiance
-        fine = self._areas.ambient(caster, ambient, lamps, place, surface)
+        fine = None if states_only else self._areas.ambient(caster, ambient, lamps, place, surface)
         if fine is not None:
             factors, gloss = fine.T.copy()
-        else:
+        elif not states_only:
             reflect_ambient(ambient, view, surface, factors, gloss)
         through = self._optics.values[self._world.face_material[faces], 4] > 0
         for number, lamp in enumerate(lamps):
             if lamp.area is not None:
                 # Without a state: borders of penumbrae are smooth.
+                if states_only:
+                    continue
                 light = self._areas.light(caster, number, lamp, place, surface)
                 factors += light[:, 0]
                 gloss += light[:, 1]
@@ -222,8 +228,15 @@ class Reflection:
             dark = np.zeros(len(points_mm), dtype=np.bool_)
             if self._lighting.shadows:
                 starts, share = np.where(front[:, None], place.starts_mm, points_mm), np.ones(len(points_mm))
-                for sheet in self._sheets_at(caster):
-                    hidden = sheet.hides(lamp, starts, faces, light > 0, to_light, distance)
+                sheets = self._sheets_at(caster)
+                shades = None
+                if lamp.position_mm is None and not self._confirmed and len(sheets) <= _MOST_KINDS:
+                    shades = self._shades_at(caster, sheets, starts, faces, light > 0, -lamp.axis)
+                for kind, sheet in enumerate(sheets):
+                    if shades is None:
+                        hidden = sheet.hides(lamp, starts, faces, light > 0, to_light, distance)
+                    else:
+                        hidden = (shades >> np.uint64(kind)) & np.uint64(1) > 0
                     light[hidden] *= sheet.transmittance
                     share[hidden] *= sheet.transmittance
                     dark |= hidden
@@ -232,7 +245,8 @@ class Reflection:
                 blocked |= dark.astype(np.uint64) << np.uint64(min(number, 63))
                 if centres and place.pixels is not None:
                     self._areas.keep_shares(number, place.pixels, share)
-            reflect_light(light, to_light, view, surface, factors, gloss)
+            if not states_only:
+                reflect_light(light, to_light, view, surface, factors, gloss)
             state = state * _MIX + zone
         return factors, gloss, state, blocked
 
@@ -295,6 +309,20 @@ class Reflection:
             found[flat] = sides[flat, 0]
             self._tangent = (caster, np.ascontiguousarray(found))
         return self._tangent[1]
+
+    def _shades_at(
+        self, caster: RayCaster, sheets: list[_Sheet], starts_mm: NDArray[np.float64], faces: NDArray[np.int32],
+        wanted: NDArray[np.bool_], to_light: NDArray[np.float64],
+    ) -> NDArray[np.uint64]:  # fmt: skip
+        """Return the sheets in whose shadow under parallel light points are, one bit each from the lowest."""
+        if self._shadows is None or self._shadows[0].vertices_mm is not caster.vertices_mm:
+            kinds = np.zeros(len(self._world.faces), dtype=np.uint8)
+            for kind, sheet in enumerate(sheets):
+                kinds[sheet.numbers >= 0] = kind
+            self._shadows = (ShadowCaster(caster.vertices_mm, caster.topology), kinds)
+        shadows, kinds = self._shadows
+        on_faces = not self._world.face_smooth.any()
+        return shadows.kinds_above(starts_mm, faces, wanted, to_light, kinds, on_faces=on_faces)
 
     def _sheets_at(self, caster: RayCaster) -> list[_Sheet]:
         """Return what casts shadows: all opaque surfaces together, and each surface that transmits light."""

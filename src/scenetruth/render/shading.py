@@ -133,7 +133,7 @@ class Shader:
         self._shadows: ShadowCaster | None = None
         self._lamps: tuple[float, list[Lamp]] | None = None
         self.simple = all(material.matt for material, _ in world.materials) and not lighting.has_areas
-        self._reflection = Reflection(lighting, world)
+        self._reflection = Reflection(lighting, world, confirmed=confirmed)
 
     def arrived(
         self,
@@ -147,6 +147,7 @@ class Shader:
         optics: ReflectionTables | None = None,
         *,
         with_states: bool = False,
+        states_only: bool = False,
     ) -> Arrived:
         """Compute the light at ray hits.
 
@@ -157,13 +158,14 @@ class Shader:
         ``mixed``: Mixed pixels, if the rays are those through the pixel centres of an image; shape (height, width).
         ``optics``: See `Reflection.light`; not with ``pixels``.
         ``with_states``: Whether state numbers are needed for samples of an image as well.
+        ``states_only``: Whether only these are needed: other values may be wrong.
         """
         if pixels is not None and not self.simple and not with_states and (hits.face >= 0).all():
             origin, lamps = np.asarray(origin_mm, dtype=np.float64), self._lamps_at(t)
             quick = self._reflection.on_samples(caster, lamps, origin, (pixels, hits.face, hits.weights))
             if quick is not None:
                 return self._complete(caster, t, origin, directions, hits, pixels, quick)
-        return self._arrived(caster, t, origin_mm, directions, hits, pixels, mixed, optics)
+        return self._arrived(caster, t, origin_mm, directions, hits, pixels, mixed, optics, states_only=states_only)
 
     def _complete(
         self,
@@ -195,6 +197,8 @@ class Shader:
         pixels: NDArray[np.int64] | None,
         mixed: NDArray[np.bool_] | None,
         optics: ReflectionTables | None,
+        *,
+        states_only: bool = False,
     ) -> Arrived:
         """As `arrived`, for all rays."""
         from scenetruth.render.shading_kernels import facing_points
@@ -224,7 +228,9 @@ class Shader:
                 place = place._replace(pixels=seen)
                 angle = largest_pixel_angle(directions, mixed.shape[1])
                 self._reflection.begin(caster, lamps, place, mixed, angle)
-            found_light = self._reflection.light(caster, lamps, place, optics, centres=mixed is not None)
+            found_light = self._reflection.light(
+                caster, lamps, place, optics, centres=mixed is not None, states_only=states_only
+            )
             if len(seen) == len(directions):
                 return Arrived(*found_light)
             gloss = np.zeros(len(directions))

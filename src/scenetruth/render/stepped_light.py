@@ -263,7 +263,7 @@ class SteppedLightRenderer(FootprintRenderer):
             return np.where(few[number], with_face, light.state)
 
         def state_at(number: NDArray[np.int64], places: NDArray[np.float64]) -> NDArray[np.uint64]:
-            return state_of(*self._samples(view, own[number], places), number)
+            return state_of(*self._samples(view, own[number], places, states_only=True), number)
 
         hits = Hits(hits.face[some], hits.depth[some], hits.weights[some])
         light = Arrived(*(None if item is None else item[some] for item in light))  # type: ignore[arg-type]
@@ -273,15 +273,20 @@ class SteppedLightRenderer(FootprintRenderer):
         parts = (owner, areas, hits.face, hits.interpolate_corners(view.mesh.uv))
         self._light_up(view, canvas, own, parts, light, rules, mixed)
 
-    def _samples(self, view: RayView, pixels: NDArray[np.int64], offsets: NDArray[np.float64]) -> tuple[Hits, Arrived]:
-        """Return hits and light of samples, with the pixel of each, ascending, and its offset."""
+    def _samples(
+        self, view: RayView, pixels: NDArray[np.int64], offsets: NDArray[np.float64], *, states_only: bool = False
+    ) -> tuple[Hits, Arrived]:
+        """Return hits and light of samples, with the pixel of each, ascending, and its offset.
+
+        ``states_only``: See `Shader.arrived`.
+        """
         from scenetruth.raycast.pixel_ray_kernels import sample_directions
 
         assert self._shader is not None
         directions = sample_directions(view.rays, pixels, offsets)
         hits = view.caster.cast_in_pixels(view.rays.origin, directions, pixels)
-        light = self._shader.arrived(view.caster, view.t, view.rays.origin, directions, hits, pixels, with_states=True)
-        return hits, light
+        place = (view.caster, view.t, view.rays.origin, directions, hits, pixels)
+        return hits, self._shader.arrived(*place, with_states=True, states_only=states_only)
 
     def _light_up(
         self,
