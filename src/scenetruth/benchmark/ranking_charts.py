@@ -298,8 +298,8 @@ def describe_stated_uncertainty(found: BenchmarkResult, case: Case) -> Iterator[
             if (share < expected - _COVERAGE_TOLERANCE) if too_small else (share > expected + _COVERAGE_TOLERANCE):
                 yield (
                     f"{label}: {100 * share:.0f}\N{NO-BREAK SPACE}% of the errors of {name} are within {at:g} stated "
-                    f"standard deviation{'s' if at > 1 else ''} ({100 * expected:.0f}\N{NO-BREAK SPACE}% for correct "
-                    f"ones): its stated standard deviations are too {'small' if too_small else 'large'} here."
+                    f"standard deviation{'s' if at > 1 else ''} ({100 * expected:.0f}\N{NO-BREAK SPACE}% if correct): "
+                    f"its stated standard deviations are too {'small' if too_small else 'large'} here."
                 )
         kept = {at: value for at, value in curves.get("sparsification_rmse", {}).items() if math.isfinite(value)}
         if kept and kept[min(kept)] > _SPARSIFICATION_TOLERANCE * kept[max(kept)]:
