@@ -84,10 +84,11 @@ class CaptureReport:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain values."""
-        noise = None
+        noise: dict[str, Any] | None = None
         if self.noise is not None:
             values = {name: value for name, value in vars(self.noise).items() if name != "notes"}
             noise = {name: value if np.isfinite(value) else None for name, value in values.items()}
+            noise["notes"] = list(self.noise.notes)
         return {
             "usable": self.usable,
             "images": self.image_count,
@@ -98,11 +99,12 @@ class CaptureReport:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> CaptureReport:
-        """Return the report of `to_dict`, without the exponent of the response and the notes on the noise."""
+        """Return the report of `to_dict`, without the exponent of the response."""
         noise = values["noise"]
         known: dict[str, Any] | None = None
         if noise is not None:
-            known = {name: np.nan if value is None else value for name, value in noise.items()}
+            known = {name: np.nan if value is None else value for name, value in noise.items() if name != "notes"}
+            known["notes"] = tuple(noise.get("notes", ()))
         return cls(
             tuple(CaptureFinding(**finding) for finding in values["findings"]), values["images"],
             tuple(values["missing"]), None if known is None else SensorNoise(**known),

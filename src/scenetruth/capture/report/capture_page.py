@@ -160,7 +160,7 @@ def _estimate_sentences(results: CaptureResults) -> list[str]:
     text = " ± median standard deviation of a pixel" if noise["stated"] else ""
     first = f"Medians of all valid pixels{text}: {noise['medians']}."
     if noise["hidden"]:
-        first += f" The median of {noise['hidden']} is smaller than the standard deviation of a pixel."
+        first += f" {noise['hidden']}"
     sentences = [f"{first} {100 * valid.mean():.0f}\N{NO-BREAK SPACE}% of the pixels have a valid depth."]
     if len(parts) > 1:
         sentences.append(
