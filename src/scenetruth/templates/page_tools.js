@@ -328,7 +328,7 @@ window.scenetruthPage = (() => {
     for (const node of nodes) {
       const text = node.data
         .replace(/([\d⁰¹²³⁴⁵⁶⁷⁸⁹)]) (?=(?:%|°|mm|µm|nm|m|px|s|ms|min|h|Hz|DN|rad|lux|MB|GB|electrons|times)(?![\p{L}\d]))/gu, "$1\u00a0")
-        .replace(/ × (?=\d)/g, "\u00a0×\u00a0")
+        .replace(/ ([×±]) (?=\d)/g, "\u00a0$1\u00a0")
         .replace(/(?<![\p{L}\d])([a-zA-Z]) = (?=[−-]?\d)/gu, "$1\u00a0=\u00a0");
       if (text !== node.data) node.data = text;
     }
