@@ -12,10 +12,16 @@ import pytest
 import xarray as xr
 
 from scenetruth.benchmark import BenchmarkResult
-from scenetruth.benchmark.benchmark_report import write_benchmark_report
-from scenetruth.benchmark.cases import BOUND, COMMON_VALID, METHOD_VALID, BenchmarkRecord, all_cases
+from scenetruth.benchmark.benchmark_report import (
+    describe_densities,
+    describe_margins,
+    select_worst_regions,
+    write_benchmark_report,
+)
+from scenetruth.benchmark.cases import ALL, BOUND, COMMON_VALID, METHOD_VALID, BenchmarkRecord, all_cases
+from scenetruth.benchmark.design_point import CaseErrorMaps
 from scenetruth.benchmark.error_statistics import compute_efficiency_records
-from scenetruth.benchmark.ranking_charts import build_charts, compute_rank_leaders
+from scenetruth.benchmark.ranking_charts import build_charts, compute_rank_leaders, describe_stated_uncertainty
 from scenetruth.estimators.external import CommandMethod, ResultsFolder
 from scenetruth.estimators.method_specs import parse_methods
 from tests.helpers.page_words import without_definitions
@@ -155,6 +161,55 @@ def test_periods_outside_of_what_was_measured_are_told_so() -> None:
 
 def zero(recording: xr.Dataset) -> dict[str, np.ndarray]:
     return {"depth": np.zeros(recording["image"].isel(s=0).shape)}
+
+
+def test_margins_and_densities_are_those_of_the_rows() -> None:
+    found = told_by(("mine", 0.02), ("slow", 0.03), ("quick", 0.0125))
+    assert describe_margins(found) == {"quick": [("Noise floor", "1.6")]}
+    assert describe_densities(found) == "mine 100\N{NO-BREAK SPACE}%"
+    assert describe_margins(told_by(("mine", 0.02), ("theirs", 0.02))) == {}
+
+
+def stating(shares: dict[float, float], kept: dict[float, float]) -> list[str]:
+    """Return what is stated of a method with this coverage and this sparsification curve."""
+    case = all_cases()["noise"]
+    found = [
+        BenchmarkRecord(case.kind, 0.005, "mine", "disparity", METHOD_VALID, statistic, value, threshold=at)
+        for statistic, curve in (("coverage", shares), ("sparsification_rmse", kept))
+        for at, value in curve.items()
+    ]
+    return [*describe_stated_uncertainty(BenchmarkResult(["mine"], [case], found), case)]
+
+
+def test_wrong_stated_uncertainties_are_named() -> None:
+    correct = {1.0: 0.683, 2.0: 0.954, 3.0: 0.997}
+    falling, rising = {0.2: 0.5, 1.0: 1.0}, {0.2: 1.2, 1.0: 1.0}
+    assert stating(correct, falling) == []
+    (small,) = stating({1.0: 0.15, 2.0: 0.3, 3.0: 0.4}, falling)
+    assert "30\N{NO-BREAK SPACE}% of the errors of disparity are within 2 stated standard deviations" in small
+    assert "too small" in small
+    (large,) = stating({1.0: 0.95, 2.0: 1.0, 3.0: 1.0}, falling)
+    assert "95\N{NO-BREAK SPACE}% of the errors" in large
+    assert "too large" in large
+    (unranked,) = stating(correct, rising)
+    assert "do not rank the pixels" in unranked
+
+
+def test_pictures_of_errors_have_the_scale_of_their_errors() -> None:
+    case = all_cases()["noise"]
+    errors = np.random.default_rng(5).normal(scale=0.01, size=(40, 60)).astype(np.float32)
+    errors[:, :30] = np.nan
+    rows = [
+        BenchmarkRecord(case.kind, 0.02, "mine", "disparity", pixels, statistic, 0.5)
+        for statistic, pixels in (("inlier_rate", ALL), ("density", METHOD_VALID))
+    ]
+    maps = {(case.kind, 0.02): CaseErrorMaps(np.ones((40, 60), np.float32), "disparity", {"mine": errors})}
+    (one,) = select_worst_regions(BenchmarkResult(["mine"], [case], rows), maps)
+    assert float(one.limit) == pytest.approx(float(np.nanpercentile(np.abs(errors), 98)), rel=0.05)
+    assert one.title.replace("\N{NO-BREAK SPACE}", " ") == (
+        "Noise floor, image noise (standard deviation) 0.02 of full scale: disparity valid at 50 % of the pixels, all "
+        "of them within 0.1 px"
+    )
 
 
 def test_our_own_methods_are_told_from_others() -> None:

@@ -10,34 +10,47 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scenetruth.benchmark.benchmark_result import BenchmarkResult
-from scenetruth.benchmark.cases.case import ALL, BOUND, SUITES, Case
+from scenetruth.benchmark.cases.case import ALL, BOUND, SUITES, BenchmarkRecord, Case
 from scenetruth.benchmark.design_point import PICTURED_QUANTITIES, CaseErrorMaps
 from scenetruth.benchmark.error_statistics import INLIER_PX
-from scenetruth.benchmark.ranking_charts import build_charts, compute_rank_leaders, describe_quantity
+from scenetruth.benchmark.ranking_charts import (
+    build_charts,
+    compute_rank_leaders,
+    describe_quantity,
+    describe_stated_uncertainty,
+)
 from scenetruth.html import render_page
-from scenetruth.number_format import format_measured, format_number
+from scenetruth.number_format import format_measured, format_number, format_percent, format_two_digits, format_unit
 from scenetruth.output import write_atomically
 from scenetruth.scoring.quantities import get_title
 from scenetruth.scoring.statistics import STATISTIC_TITLES
 
-__all__ = ["WorstRegion", "write_benchmark_report"]
+__all__ = [
+    "WorstRegion",
+    "describe_densities",
+    "describe_margins",
+    "select_worst_regions",
+    "write_benchmark_report",
+]
 
 
 _MOST = 3
-_SCALE_PX = 0.5
-"""Error in px at which the colour scale saturates."""
+_BEYOND_PERCENT = 2.0
+"""Percentage of the errors beyond the colour scale."""
 
 
 @dataclass(frozen=True)
 class WorstRegion:
-    """An image of the largest errors of a method: label, title, alternative text, and a PNG in base64."""
+    """An image of the largest errors of a method: label, title, alternative text, a PNG in base64, and its scale."""
 
     method: str
     title: str
     alt: str
     picture: str
+    limit: str
 
 
 def select_worst_regions(found: BenchmarkResult, maps: Mapping[tuple[str, float], CaseErrorMaps]) -> list[WorstRegion]:
@@ -66,11 +79,14 @@ def select_worst_regions(found: BenchmarkResult, maps: Mapping[tuple[str, float]
             seen.add(kind)
             none = not np.isfinite(one.errors[label]).any()
             name = get_title(quantity).lower()
-            good = f"{name} within {INLIER_PX:g}\u00a0px at {100 * share:.0f}\u00a0% of the pixels"
-            good = f"{name} valid at no pixel" if none else good
-            title = f"{case.title}, {case.varied} = {case.get_label(value)}: {good}"
+            good = f"{name} valid at no pixel"
+            if not none:
+                good = f"{name} {_validity(share, _density(found, kind, value, label, quantity))}"
+            title = f"{case.title}, {case.describe_level(value)}: {good}"
             words = f"Image of the reference camera and the errors of {one.quantity} by {label}; {title}."
-            pictures.append(WorstRegion(label, title, words, _drawn(one, label)))
+            limit = _scale_px(one.errors[label])
+            picture = _drawn(one, label, limit)
+            pictures.append(WorstRegion(label, title, words, picture, format_number(limit, 2)))
     return pictures
 
 
@@ -78,23 +94,41 @@ _FINE = 0.95
 """Inlier rate above which no image is shown."""
 
 
-def _drawn(maps: CaseErrorMaps, label: str) -> str:
+def _density(found: BenchmarkResult, kind: str, value: float, label: str, quantity: str) -> float:
+    """Return the density of a quantity at a level; NaN if it is not evaluated."""
+    wanted = (kind, value, label, quantity, "density")
+    rows = (row for row in found.rows if (row.case, row.level, row.method, row.quantity, row.statistic) == wanted)
+    return next((row.value for row in rows), math.nan)
+
+
+def _validity(inliers: float, density: float) -> str:
+    r"""Return in words which pixels are valid, and which of them are accurate.
+
+    >>> print(_validity(0.57, 0.57).replace("\N{NO-BREAK SPACE}", " "))
+    valid at 57 % of the pixels, all of them within 0.1 px
+    >>> print(_validity(0.45, 0.9).replace("\N{NO-BREAK SPACE}", " "))
+    valid at 90 % of the pixels, 50 % of them within 0.1 px
+    """
+    limit = f"within {INLIER_PX:g}\N{NO-BREAK SPACE}px"
+    if not density > 0:
+        return f"{limit} at {format_percent(inliers)} of the pixels"
+    share = min(inliers / density, 1.0)
+    accurate = "all" if share > 0.9995 else f"{100 * share:.3g}\N{NO-BREAK SPACE}%"
+    return f"valid at {100 * density:.3g}\N{NO-BREAK SPACE}% of the pixels, {accurate} of them {limit}"
+
+
+def _scale_px(errors: NDArray[np.float32]) -> float:
+    """Return the error at which the colour scale of a picture saturates."""
+    sizes = np.abs(errors[np.isfinite(errors)].astype(np.float64))
+    return float(np.percentile(sizes, 100 - _BEYOND_PERCENT)) or 1.0 if sizes.size else 1.0
+
+
+def _drawn(maps: CaseErrorMaps, label: str, limit: float) -> str:
     """Return a PNG of image and errors side by side, with a mark at the largest error; invalid pixels are hatched."""
     from scenetruth.scoring.report.hotspot_pictures import draw_hotspot_map
 
     image, errors = maps.image.astype(np.float64), maps.errors[label].astype(np.float64)
-    return draw_hotspot_map(image, errors, _SCALE_PX)
-
-
-def describe_colour_scale() -> Sequence[str]:
-    """Return the meanings of the colours."""
-    return (
-        f"blue is −{_SCALE_PX:g} px and less",
-        "white is zero",
-        f"red is {_SCALE_PX:g} px and more",
-        "hatched is invalid",
-        "the square marks the largest error",
-    )
+    return draw_hotspot_map(image, errors, limit)
 
 
 PAGE = "index.html"
@@ -124,12 +158,55 @@ def write_benchmark_report(
         failures=found.failures,
         convention_mismatches=found.convention_mismatches,
         worst=select_worst_regions(found, maps or {}),
-        scale="; ".join(describe_colour_scale()),
+        margins=describe_margins(found),
+        densities=describe_densities(found),
+        beyond=f"{_BEYOND_PERCENT:g}",
+        times=_median_times(found),
     )
     path = Path(folder) / PAGE
     with write_atomically(path, overwrite=True) as partial:
         partial.write_text(text, encoding="utf-8")
     return path
+
+
+def describe_margins(found: BenchmarkResult) -> dict[str, list[tuple[str, str]]]:
+    """Return for each method the cases in which it is the best of several, and how many times better than the next."""
+    margins = {label: list[tuple[str, str]]() for label in found.methods}
+    for one in found.headlines():
+        first, *further = one.of_methods.items() or [("", math.nan)]
+        if further and further[0][1] > first[1]:
+            factor = further[0][1] / first[1] if first[1] > 0 and math.isfinite(further[0][1]) else math.inf
+            margins[first[0]].append((one.case.title, "" if math.isinf(factor) else format_two_digits(factor)))
+    return {label: entries for label, entries in margins.items() if entries}
+
+
+def describe_densities(found: BenchmarkResult) -> str:
+    """Return the range of the densities of each method over all cases, for the main quantity of each; or nothing."""
+    main = {case.kind: case.headline[0] for case in found.cases}
+    ranges = []
+    for label in found.methods:
+        values = [
+            row.value
+            for row in found.rows
+            if row.method == label and row.statistic == "density" and row.quantity == main.get(row.case)
+        ]
+        values = [value for value in values if math.isfinite(value)]
+        if values:
+            low, high = (f"{100 * value:.0f}" for value in (min(values), max(values)))
+            ranges.append(f"{label} {low if low == high else f'{low} to {high}'}\N{NO-BREAK SPACE}%")
+    return ", ".join(ranges)
+
+
+def _median_times(found: BenchmarkResult) -> dict[str, str]:
+    """Return the median time of an estimate for each method, where it is measured."""
+    times = {}
+    for label in found.methods:
+        values = [
+            row.value for row in found.rows if row.method == label and row.statistic == "seconds" and row.value > 0
+        ]
+        if values:
+            times[label] = f"{format_two_digits(float(np.median(values)))}\N{NO-BREAK SPACE}s"
+    return times
 
 
 def _section(found: BenchmarkResult, case: Case, words: Sequence[Sequence[str]], suite: str) -> dict[str, Any]:
@@ -143,7 +220,7 @@ def _section(found: BenchmarkResult, case: Case, words: Sequence[Sequence[str]],
             _PIXELS.get(row.pixels, row.pixels),
             STATISTIC_TITLES[row.statistic],
             format_measured(row.value, 0.5 * (row.ci_high - row.ci_low)),
-            "" if row.unit == "1" else row.unit,
+            format_unit(row.unit),
         ]
         for row in rows
         if row.quantity and row.statistic in _SUMMARY_STATISTICS and row.method != BOUND
@@ -156,10 +233,10 @@ def _section(found: BenchmarkResult, case: Case, words: Sequence[Sequence[str]],
             row.method,
             STATISTIC_TITLES.get(row.statistic, row.statistic.replace("_", " ")),
             format_measured(row.value, 0.5 * (row.ci_high - row.ci_low)),
-            row.unit,
+            format_unit(row.unit),
         )
         for row in rows
-        if not math.isfinite(row.level)
+        if not math.isfinite(row.level) and not _repeats(row, rows)
     ]
     return {
         "case": case,
@@ -168,7 +245,16 @@ def _section(found: BenchmarkResult, case: Case, words: Sequence[Sequence[str]],
         "concluded": concluded,
         "again": shlex.join(again),
         "values": ", ".join(map(case.get_label, values)),
+        "stated": [*describe_stated_uncertainty(found, case)],
+        "realisations": case.seeds.get(suite, 1),
     }
+
+
+def _repeats(row: BenchmarkRecord, rows: Sequence[BenchmarkRecord]) -> bool:
+    """Return whether a value of the last crossing is that of the first, because there is only one."""
+    kind, _, reading = row.statistic.rpartition("_")
+    same = (row.method, row.quantity, f"{kind}_first", row.value)
+    return reading == "last" and any((one.method, one.quantity, one.statistic, one.value) == same for one in rows)
 
 
 _PIXELS = {"method_valid": "valid for the method", "common_valid": "valid for all methods"}

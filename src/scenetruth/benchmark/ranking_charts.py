@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,11 +11,18 @@ from typing import Any
 from scenetruth.benchmark.benchmark_result import BenchmarkResult, RankedMethod, Ranking
 from scenetruth.benchmark.cases.case import BOUND, COMMON_VALID, METHOD_VALID, BenchmarkRecord, Case
 from scenetruth.html import COLOURS, Chart
-from scenetruth.number_format import format_two_digits
+from scenetruth.number_format import format_two_digits, format_unit
 from scenetruth.scoring.quantities import get_title, get_units
 from scenetruth.scoring.statistics import STATISTIC_TITLES
 
-__all__ = ["RankDifference", "RankLeaders", "build_charts", "compute_rank_leaders", "describe_quantity"]
+__all__ = [
+    "RankDifference",
+    "RankLeaders",
+    "build_charts",
+    "compute_rank_leaders",
+    "describe_quantity",
+    "describe_stated_uncertainty",
+]
 
 
 @dataclass(frozen=True)
@@ -108,7 +116,7 @@ def _rank_difference(one: RankedMethod, found: BenchmarkResult) -> RankDifferenc
 
 def describe_quantity(one: RankedMethod) -> str:
     """Return case, quantity, statistic and unit of a value, for a table."""
-    unit = "" if one.unit in ("", "1") else f", {one.unit}"
+    unit = f", {format_unit(one.unit)}".rstrip(", ")
     return f"{one.case.title}: {get_title(one.quantity)}, {STATISTIC_TITLES[one.statistic]}{unit}"
 
 
@@ -177,22 +185,52 @@ def _curves(
                 "line": {"color": "#444444", "dash": "longdash", "width": 1.5},
             }
         )
-    unit = "" if statistic in ("density", "amplitude_ratio") else f", {get_units(quantity)}"
+    unit = {"density": ", %", "amplitude_ratio": ""}.get(statistic, f", {format_unit(get_units(quantity))}").rstrip(
+        ", "
+    )
     what = f"{get_title(quantity)}: {STATISTIC_TITLES[statistic]}{unit}"
     where = "" if statistic in ("density", "amplitude_ratio") else _PIXEL_SETS[pixels]
     positive = statistic not in ("bias", "density", "amplitude_ratio")
     layout: dict[str, dict[str, Any]] = {
         "title": {"text": f"{what}<br><sub>{where}</sub>" if where else what},
         "xaxis": {"title": {"text": case.varied}, **_axis(case, rows)},
-        "yaxis": {"type": "log", "dtick": "D2", "exponentformat": "power"} if positive else {"type": "linear"},
+        "yaxis": {"title": {"text": f"{STATISTIC_TITLES[statistic]}{unit}"}, "type": "log" if positive else "linear"},
     }
-    if statistic in ("density", "amplitude_ratio"):
+    if positive:
+        layout["yaxis"] |= _plain_ticks(data)
+    elif statistic == "density":
+        for line in data:
+            line["y"] = [None if value is None else 100 * value for value in line["y"]]
+        layout["yaxis"]["range"] = [-3, 106]
+    elif statistic == "amplitude_ratio":
         layout["yaxis"]["range"] = [-0.05, 1.25]
     return Chart(
         f"{case.kind}-{quantity}-{statistic}", f"{what}, over {case.varied}. {_describe_lines(data)}", data, layout
     )
 
 
+def _plain_ticks(data: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the ticks of a logarithmic axis as plain numbers: 1, 2 and 5 of every decade of the values.
+
+    >>> _plain_ticks([{"y": [0.0015, None, 0.006]}])["ticktext"]
+    ['0.001', '0.002', '0.005', '0.01']
+    """
+    known = [value for line in data for value in line["y"] if value is not None and value > 0]
+    if not known:
+        return {}
+    ticks = [
+        step * 10.0**power
+        for power in range(math.floor(math.log10(min(known))) - 1, math.ceil(math.log10(max(known))) + 1)
+        for step in (1, 2, 5)
+    ]
+    low, high = (bisect(ticks, bound * (1 + sign * 1e-9)) for bound, sign in ((min(known), 1), (max(known), -1)))
+    shown = ticks[max(low - 1, 0) : high + 1]
+    # Several decades have space for the first tick of each.
+    shown = shown if len(shown) <= _MOST_TICKS else [tick for tick in shown if f"{tick:e}".startswith("1")]
+    return {"tickvals": shown, "ticktext": [f"{tick:.10f}".rstrip("0").rstrip(".") for tick in shown]}
+
+
+_MOST_TICKS = 10
 _GROWTH = ("growth_rate_windowed",)
 """Quantities of additional records, charted like the quantities of a case."""
 _PIXEL_SETS = {COMMON_VALID: "pixels valid for all methods", METHOD_VALID: "valid pixels of each method"}
@@ -211,8 +249,7 @@ def _confidence(found: BenchmarkResult, case: Case, rows: Sequence[BenchmarkReco
     chosen = [row for row in rows if _is(row, quantity, statistic, METHOD_VALID)]
     if not chosen:
         return None
-    values = sorted({row.level for row in chosen})
-    value = values[len(values) // 2]
+    value = _middle_level(chosen)
     title, x, y = _CONFIDENCE[statistic]
     data = []
     for place, label in enumerate(found.methods):
@@ -229,11 +266,9 @@ def _confidence(found: BenchmarkResult, case: Case, rows: Sequence[BenchmarkReco
         style = {"color": "#444444", "dash": "longdash", "width": 1.5}
         data.append({"name": "Gaussian errors", "x": at, "y": perfect, "mode": "lines", "line": style})
     else:
-        y = f"{y}, {get_units(quantity)}"
+        y = f"{y}, {format_unit(get_units(quantity))}".rstrip(", ")
     layout = {
-        "title": {
-            "text": f"{get_title(quantity)}: {title.lower()}<br><sub>at {case.varied} = {case.get_label(value)}</sub>"
-        },
+        "title": {"text": f"{get_title(quantity)}: {title.lower()}<br><sub>at {case.describe_level(value)}</sub>"},
         "xaxis": {"title": {"text": x}},
         "yaxis": {"title": {"text": y}, "rangemode": "tozero"},
     }
@@ -243,6 +278,44 @@ def _confidence(found: BenchmarkResult, case: Case, rows: Sequence[BenchmarkReco
         data,
         layout,
     )
+
+
+def describe_stated_uncertainty(found: BenchmarkResult, case: Case) -> Iterator[str]:
+    """Yield a sentence for each method whose stated standard deviations are wrong, at the level of the charts."""
+    quantity = case.headline[0]
+    rows = [row for row in found.rows if row.case == case.kind and row.quantity == quantity]
+    name = get_title(quantity).lower()
+    for label in found.methods:
+        curves = {
+            statistic: {row.threshold: row.value for row in chosen if row.method == label and row.level == level}
+            for statistic in _CONFIDENCE
+            if (chosen := [row for row in rows if _is(row, quantity, statistic, METHOD_VALID)])
+            for level in [_middle_level(chosen)]
+        }
+        within = {at: share for at, share in curves.get("coverage", {}).items() if math.isfinite(share)}
+        for at, too_small in ((2.0, True), (1.0, False)):
+            share, expected = within.get(at, math.nan), math.erf(at / math.sqrt(2))
+            if (share < expected - _COVERAGE_TOLERANCE) if too_small else (share > expected + _COVERAGE_TOLERANCE):
+                yield (
+                    f"{label}: {100 * share:.0f}\N{NO-BREAK SPACE}% of the errors of {name} are within {at:g} stated "
+                    f"standard deviation{'s' if at > 1 else ''} ({100 * expected:.0f}\N{NO-BREAK SPACE}% if correct): "
+                    f"its stated standard deviations are too {'small' if too_small else 'large'} here."
+                )
+        kept = {at: value for at, value in curves.get("sparsification_rmse", {}).items() if math.isfinite(value)}
+        if kept and kept[min(kept)] > _SPARSIFICATION_TOLERANCE * kept[max(kept)]:
+            yield (
+                f"{label}: pixels with the smallest stated standard deviations have larger errors of {name} than all "
+                "pixels here: its stated standard deviations do not rank the pixels."
+            )
+
+
+_COVERAGE_TOLERANCE, _SPARSIFICATION_TOLERANCE = 0.1, 1.1
+
+
+def _middle_level(rows: Sequence[BenchmarkRecord]) -> float:
+    """Return the level of the charts of the stated uncertainty."""
+    values = sorted({row.level for row in rows})
+    return values[len(values) // 2]
 
 
 def _line(case: Case, label: str, place: int, points: Sequence[BenchmarkRecord]) -> dict[str, Any]:
@@ -297,7 +370,15 @@ def _axis(case: Case, rows: Sequence[BenchmarkRecord]) -> dict[str, Any]:
         values = sorted({row.level for row in rows if math.isfinite(row.level)})
         names = [case.get_label(value) for value in values]
         return {"type": "category", "categoryorder": "array", "categoryarray": names}
-    return {"type": "log" if case.logarithmic else "linear"}
+    axis: dict[str, Any] = {"type": "log" if case.logarithmic else "linear"}
+    values = sorted({row.level for row in rows if math.isfinite(row.level)})
+    if len(values) <= _MOST_LEVELS:
+        axis |= {"tickvals": values, "ticktext": [case.get_label(value) for value in values]}
+    return axis
+
+
+_MOST_LEVELS = 8
+"""Number of levels up to which each has a tick."""
 
 
 def _is(row: BenchmarkRecord, quantity: str, statistic: str, pixels: str) -> bool:

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.capture.calibration import BoardImage, Observations, estimate_gain_spread, estimate_noise
-from scenetruth.capture.capture_check import sensor_noise
 from scenetruth.capture.corrections import FixedPatternCorrection
 from scenetruth.capture.file_patterns import MatchedFile
 from scenetruth.capture.folder_reading import CaptureFolder
+from scenetruth.capture.measured_noise import sensor_noise
 from scenetruth.capture.radiometry import SensorNoise
 from scenetruth.number_format import format_two_digits
 from scenetruth.progress import Progress, say

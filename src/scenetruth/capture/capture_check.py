@@ -22,13 +22,14 @@ from scenetruth.capture.corrections import PatternMatch
 from scenetruth.capture.folder_reading import CaptureFolder, load_checked_capture, open_capture
 from scenetruth.capture.image_reading import FrameMoments
 from scenetruth.capture.ingest import list_missing
-from scenetruth.capture.radiometry import GammaFit, SensorNoise, measure_noise
+from scenetruth.capture.measured_noise import sensor_noise
+from scenetruth.capture.radiometry import GammaFit, SensorNoise
 from scenetruth.capture.response_check import CaptureFinding, Severity, check_response
-from scenetruth.errors import ArgumentError, CaptureError, Problem
+from scenetruth.errors import CaptureError, Problem
 from scenetruth.number_format import format_two_digits
 from scenetruth.progress import Progress
 
-__all__ = ["CaptureFinding", "CaptureReport", "check_capture", "sensor_noise"]
+__all__ = ["CaptureFinding", "CaptureReport", "check_capture"]
 
 Floats = NDArray[np.float64]
 
@@ -83,10 +84,11 @@ class CaptureReport:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain values."""
-        noise = None
+        noise: dict[str, Any] | None = None
         if self.noise is not None:
             values = {name: value for name, value in vars(self.noise).items() if name != "notes"}
             noise = {name: value if np.isfinite(value) else None for name, value in values.items()}
+            noise["notes"] = list(self.noise.notes)
         return {
             "usable": self.usable,
             "images": self.image_count,
@@ -97,11 +99,12 @@ class CaptureReport:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> CaptureReport:
-        """Return the report of `to_dict`, without the exponent of the response and the notes on the noise."""
+        """Return the report of `to_dict`, without the exponent of the response."""
         noise = values["noise"]
         known: dict[str, Any] | None = None
         if noise is not None:
-            known = {name: np.nan if value is None else value for name, value in noise.items()}
+            known = {name: np.nan if value is None else value for name, value in noise.items() if name != "notes"}
+            known["notes"] = tuple(noise.get("notes", ()))
         return cls(
             tuple(CaptureFinding(**finding) for finding in values["findings"]), values["images"],
             tuple(values["missing"]), None if known is None else SensorNoise(**known),
@@ -424,26 +427,6 @@ def _dark(folder: CaptureFolder, statistics: _ImageStatistics) -> tuple[list[Cap
         for messages in (of_level, found)
     )
     return [*next(errors), *notes], next(errors)
-
-
-def sensor_noise(folder: CaptureFolder) -> SensorNoise | None:
-    """Return the noise of the sensor, None if the frames do not determine it."""
-    dark = folder.dark
-    if dark is None or dark.count < 2 or dark.mean.ndim != 2:
-        return None
-    flat_level = folder.flat_level()
-    flat = None if flat_level is None else folder.sets["flat"].moments(flat_level)
-    static = folder.sets.get("static")
-    still = None if static is None else static.moments(next(iter(static.levels)))
-    try:
-        return measure_noise(
-            dark,
-            flat if flat is not None and flat.count > 1 else None,
-            static=still if still is not None and still.count > 2 else None,
-            full_scale=folder.images.pixels.full_scale,
-        )
-    except ArgumentError:
-        return None
 
 
 def _flat(folder: CaptureFolder) -> list[CaptureFinding]:

@@ -93,7 +93,7 @@ class SensorNoise:
             ("PRNU", self.prnu, self.prnu_std, "%", 100.0),
         )
         return [
-            f"{name}: {format_with_std(k * value, k * std, 8)} {unit}"
+            f"{name}: {format_with_std(k * value, k * std, 8) if value else f'under {2 * k * std:.2g}'} {unit}"
             for name, value, std, unit, k in rows
             if np.isfinite(value)
         ] + list(self.notes)

@@ -11,7 +11,7 @@ import numpy as np
 from scenetruth.capture.folder_reading import CaptureFolder
 from scenetruth.capture.radiometry import GammaFit, fit_gamma, measure_linearity
 from scenetruth.errors import ArgumentError
-from scenetruth.number_format import format_two_digits
+from scenetruth.number_format import format_two_digits, format_with_std
 
 __all__ = ["CaptureFinding", "Severity", "check_response"]
 
@@ -69,13 +69,13 @@ def check_response(
     agreeing = [*fits, edges] if edges is not None and encoded else fits
     if decisive is not None and proportional and abs(decisive.exponent - _OF_EVEN_NOISE) < _EVEN_NOISE:
         message = (
-            f"the noise does not depend on the light (exponent {decisive.exponent:.2f} ± {decisive.std:.2f} of the "
+            f"the noise does not depend on the light (exponent {_spell(decisive)} of the "
             "response if it were photon noise), and flat fields are proportional to it: noise that is added"
         )
         found.append(CaptureFinding("gamma", "note", message))
     elif decisive is not None and decisive.linear is False:
         message = (
-            f"the noise of frames at rest shows an exponent of {decisive.exponent:.2f} ± {decisive.std:.2f} of the "
+            f"the noise of frames at rest shows an exponent of {_spell(decisive)} of the "
             "response, which is 1 for linear values"
         )
         if proportional or not (encoded or _explains_dark(folder, decisive)):
@@ -89,7 +89,7 @@ def check_response(
         found.append(CaptureFinding("gamma", "error", message))
     elif encoded and edges is not None and decisive is None and not proportional:
         message = (
-            f"the edges of the board have an exponent of {edges.exponent:.2f} ± {edges.std:.2f} of the response, which "
+            f"the edges of the board have an exponent of {_spell(edges)} of the response, which "
             f"is 1 for linear values, where blur is symmetric: {_GAMMA_REMEDY}"
         )
         found.append(CaptureFinding("gamma", "warning", message))
@@ -149,6 +149,10 @@ def _is_srgb_of_black(folder: CaptureFolder) -> bool:
 _SAME_EXPONENT, _SAME_SHARE, _LEAST_ENCODING = 0.05, 0.2, 0.2
 _SRGB = (0.33, 0.67)  # exponents by which sRGB is described, from dark to bright
 _ENCODED, _LINEAR_EDGES = 0.72, 0.78
+
+
+def _spell(fit: GammaFit) -> str:
+    return format_with_std(fit.exponent, fit.std)
 
 
 def _explains_dark(folder: CaptureFolder, fit: GammaFit) -> bool:

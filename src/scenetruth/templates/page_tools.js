@@ -320,8 +320,39 @@ window.scenetruthPage = (() => {
     look();
   }
 
+  // Numbers stay on one line with their units, and names with their values.
+  function bindUnits() {
+    const within = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT, (node) => (node.parentElement.closest("script, style, pre, code, select, textarea, svg, .chart") ? NodeFilter.FILTER_REJECT : NodeFilter.FILTER_ACCEPT));
+    const nodes = [];
+    while (within.nextNode()) nodes.push(within.currentNode);
+    for (const node of nodes) {
+      const text = node.data
+        .replace(/([\d⁰¹²³⁴⁵⁶⁷⁸⁹)]) (?=(?:%|°|mm|µm|nm|m|px|s|ms|min|h|Hz|DN|rad|lux|MB|GB|electrons|times)(?![\p{L}\d]))/gu, "$1\u00a0")
+        .replace(/ ([×±]) (?=\d)/g, "\u00a0$1\u00a0")
+        .replace(/(?<![\p{L}\d])([a-zA-Z]) = (?=[−-]?\d)/gu, "$1\u00a0=\u00a0");
+      if (text !== node.data) node.data = text;
+    }
+  }
+
+  // Figures that are much smaller than drawn, as on narrow screens, can be enlarged; they then scroll sideways.
+  function watchPicture(picture) {
+    const figure = picture.closest("figure"), button = make("button", {type: "button", class: "enlarge"}, "Enlarge the figure");
+    const look = () => {
+      const enlarged = figure.classList.contains("enlarged");
+      button.hidden = !enlarged && picture.clientWidth > 0.75 * Number(picture.getAttribute("width") || 0);
+    };
+    button.addEventListener("click", () => {
+      button.textContent = figure.classList.toggle("enlarged") ? "Fit the figure to the screen" : "Enlarge the figure";
+    });
+    picture.after(button);
+    new ResizeObserver(look).observe(picture);
+    look();
+  }
+
   function start() {
+    bindUnits();
     listenToTerms();
+    for (const picture of document.querySelectorAll("main figure > img[width]")) watchPicture(picture);
     for (const around of document.querySelectorAll(".wide, .scroll")) watchWidth(around);
     for (const table of document.querySelectorAll("main table")) addTableTools(table);
     for (const picture of document.querySelectorAll("main figure > img")) {

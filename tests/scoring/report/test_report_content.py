@@ -107,7 +107,10 @@ def test_medians_below_the_noise_of_a_pixel_are_named(full_case: Case) -> None:
     loud = dataclasses.replace(quiet, median=-0.008, median_std=0.05)
     noise = describe_noise(found | {"velocity_z": loud})
     assert "velocity in Z (−0.008 ± 0.050) mm/frame" in noise["medians"]
-    assert noise["hidden"] == "velocity in Z"
+    assert noise["hidden"] == "The median of velocity in Z is smaller than the standard deviation of a pixel."
+    still = dataclasses.replace(loud, title="Growth rate", units="%/h", median_common=None)
+    both = describe_noise(found | {"velocity_z": loud, "growth_rate": still})
+    assert both["hidden"].startswith("The medians of velocity in Z and growth rate are smaller")
 
 
 def test_flow_is_the_motion_where_there_is_no_velocity(full_case: Case) -> None:

@@ -15,7 +15,7 @@ from PIL import Image
 
 from scenetruth.cli.console import print_score
 from scenetruth.errors import ScoreError
-from scenetruth.number_format import format_number, format_percent_value
+from scenetruth.number_format import format_measured, format_number, format_percent_value
 from scenetruth.schema import STATUS_VALID
 from scenetruth.scoring import COMMON_STATISTICS, FIGURES, QUANTITIES, Score, score, write_report
 from scenetruth.scoring.report import build_score_content, describe_maps, summarise_estimate
@@ -255,7 +255,7 @@ def test_page_without_truth_has_medians_and_densities(full_case: Case, page_with
     for name, summary in found.items():
         assert reader.text.count(summary.title) == 1, name
         assert (f"{summary.title}, median" in text) == (summary.title in cards)
-        assert format_number(summary.median) in text
+        assert format_measured(summary.median, summary.median_std) in text
         assert format_percent_value(summary.density) in text
 
 

@@ -84,6 +84,9 @@ SUITES = ("core", "full")
 NOISE_STD = 0.005
 """Default standard deviation of the image noise, in units of full scale 1; 1.3 steps of 8 bits."""
 
+_LEVEL_UNITS = ("%", "%/h", "1/m", "degrees", "minutes", "mm", "of full scale", "px", "px per frame", "px per step")
+"""Units of factors."""
+
 Mask = NDArray[np.bool_]
 
 
@@ -145,6 +148,18 @@ class Case:
     def get_label(self, value: float) -> str:
         """Return the name of a level in tables, on axes, on the command line, and in file names."""
         return self.labels().get(value, f"{value:g}")
+
+    def describe_level(self, value: float) -> str:
+        """Return factor and level in words, with the unit.
+
+        >>> print(all_cases()["slope"].describe_level(60.0), all_cases()["gallery"].describe_level(0.0), sep="; ")
+        angle to the image plane 60°; scene cube
+        """
+        name, comma, unit = self.varied.rpartition(", ")
+        if not comma or unit not in _LEVEL_UNITS:
+            return f"{self.varied} {self.get_label(value)}"
+        separator = "" if unit == "degrees" else "\N{NO-BREAK SPACE}"
+        return f"{name} {self.get_label(value)}{separator}{'°' if unit == 'degrees' else unit}"
 
     def parse_level(self, given: float | str) -> float:
         """Return the level for a number or a name."""

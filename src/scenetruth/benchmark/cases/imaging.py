@@ -99,7 +99,7 @@ class NoiseFloorCase(Case):
     kind = "noise"
     title = "Noise floor"
     question = "How much of the image noise reaches the estimate, and how close is the result to the Cramér-Rao bound?"
-    varied = "image noise, standard deviation, of full scale"
+    varied = "image noise (standard deviation), of full scale"
     core = (0.005, 0.02)
     full = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
     logarithmic = True

@@ -89,7 +89,7 @@ class TranslucencyCase(LightCase):
     kind = "translucency"
     title = "Translucency"
     question = "How does the shadow of an object behind a sheet affect the accuracy in front?"
-    varied = "transmittance of the sheet, relative to its texture"
+    varied = "transmittance of the sheet relative to its texture"
     full = (0.1, 0.3, 0.6)
     headline = ("flow_x", "rmse")
     seeds: ClassVar[Mapping[str, int]] = {"core": 1, "full": 3}

@@ -151,7 +151,7 @@ class GrowthRateCase(Case):
     kind = "rate_of_growth"
     title = "Growth by growth rate"
     question = "How accurate is the growth rate over 20 px, by growth rate?"
-    varied = "areal growth rate, %/h, a frame every 10 minutes"
+    varied = "areal growth rate with a frame every 10 minutes, %/h"
     full = (0.0, 1.0, 3.0, 10.0, 30.0)
     headline = ("growth_rate_windowed", "rmse")
     quantities = ("velocity_z", "flow_x")

@@ -112,8 +112,23 @@ def _draw_residuals(data: CalibrationData, folder: Path) -> FigureInfo:
         "length in standard deviations, from 0 (dark) "
         "to 3 (bright). Right: 1 if the stated noise explains the residuals; red regions are not described by the "
         f"model of the lens, or their light or sharpness differs; grey: fewer than {_FEWEST_IN_CELL} points. "
-        f"Chi-squared per degree of freedom: {factor_text}.",
+        f"Chi-squared per degree of freedom: {factor_text}. {_verdict(calibration.variance_factor)}",
     )  # fmt: skip
+
+
+_AS_STATED = (0.7, 1.4)
+"""Chi-squared per degree of freedom of residuals that the stated noise explains."""
+
+
+def _verdict(factor: float) -> str:
+    """Return the meaning of chi-squared per degree of freedom as a sentence."""
+    if factor < _AS_STATED[0]:
+        return (
+            "The residuals are smaller than the stated noise: the standard deviations of the calibration are too large."
+        )
+    if factor > _AS_STATED[1]:
+        return "The residuals are larger than the stated noise: the model of the lens, the board or a pose is in error."
+    return "The stated noise explains the residuals."
 
 
 def _cells(calibration: RigCalibration) -> tuple[int, int]:
@@ -247,6 +262,9 @@ def _draw_depth_error(data: CalibrationData, folder: Path) -> FigureInfo:
         axes.set_title(title)
         colorbar(figure, drawn, axes, "depth error [mm]")
     save(figure, folder / "depth_error.png")
-    text = f"Depth of a frontal plane at {budget.depth_mm:.0f} mm, by the calibration and new visits. Left: of each "
-    text += "pixel. Right: of its difference from the mean depth, by which a map is tilted and bent."
+    text = (
+        f"Depth of a frontal plane at {budget.depth_mm:.0f} mm, by the calibration and by the repeatability with which "
+        "the stage visits its positions again. Left: of each pixel. Right: of its difference from the mean depth, by "
+        "which a map is tilted and bent."
+    )
     return FigureInfo("depth_error.png", "Depth error over the image", text)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +32,7 @@ from scenetruth.number_format import (
 from scenetruth.progress import Progress
 from scenetruth.scoring.error_pairs import read_std
 from scenetruth.scoring.figures import FigureInfo
+from scenetruth.scoring.report.report_content import describe_maps, describe_noise
 from scenetruth.scoring.report.score_report import inline_picture
 
 __all__ = ["CaptureResults", "write_capture_page"]
@@ -84,7 +86,8 @@ def write_capture_page(results: CaptureResults, pictures: Path, progress: Progre
         poses = assess_poses(fit, priors, calibration, budget)
         reached(1)
         sentences = sentences + budget.words()
-        found["suggestions"] = _suggestion_table(suggest(fit, priors, calibration, budget, poses), budget)
+        suggestions = _suggestion_table(suggest(fit, priors, calibration, budget, poses), budget)
+        found["suggestions"] = suggestions if suggestions.lines else None
         reached(2)
         data = CalibrationData(calibration, solution, budget, poses, surface)
         found |= {
@@ -153,11 +156,17 @@ def _estimate_sentences(results: CaptureResults) -> list[str]:
         f"{format_two_digits(float(np.nanmedian(values[valid])))} mm {text}"
         for text, values in split_std(frame).items()
     ]
-    stated = f", with a median standard uncertainty of {' and '.join(parts)}" if parts else ""
-    median = float(np.median(frame["depth"].values[valid]))
-    sentences = [
-        f"The median depth is {median:.2f} mm{stated}; {100 * valid.mean():.0f} % of the pixels have a valid depth."
-    ]
+    noise = describe_noise(describe_maps(estimate))
+    text = " ± median standard deviation of a pixel" if noise["stated"] else ""
+    first = f"Medians of all valid pixels{text}: {noise['medians']}."
+    if noise["hidden"]:
+        first += f" {noise['hidden']}"
+    sentences = [f"{first} {100 * valid.mean():.0f}\N{NO-BREAK SPACE}% of the pixels have a valid depth."]
+    if len(parts) > 1:
+        sentences.append(
+            f"Standard deviation of the depth in the maps, frame t = {int(frame['t'])}, median: {' and '.join(parts)}. "
+            "Both add as squares."
+        )
     return sentences
 
 
@@ -179,7 +188,7 @@ def _origin(results: CaptureResults) -> str:
     images, camera = results.folder.images, results.folder.capture.camera
     boards = len(results.folder.board)
     text = (
-        f"{len(images.positions)} positions x {len(images.frames)} frames of {camera.width} x {camera.height} px, "
+        f"{len(images.positions)} positions × {len(images.frames)} frames of {camera.width} × {camera.height} px, "
         f"{camera.bit_depth} bits"
     )
     return f"{text}; {boards} images of the board" if boards else text
@@ -230,9 +239,16 @@ def _median_growth_std(estimate: xr.Dataset) -> float | None:
 
 def _suggestion_table(found: Sequence[Suggestion], budget: DepthBudget) -> HtmlTable:
     before = budget.total.mean_std
-    rows = [(one.text, format_number(one.after_mm, 2), _change(one.after_mm / before - 1)) for one in found]
+    rows = [
+        (one.text, format_number(one.after_mm, 2), _change(one.after_mm / before - 1))
+        for one in found
+        if abs(one.after_mm / before - 1) >= _LEAST_CHANGE
+    ]
     caption = f"Standard deviation of the mean depth at {budget.depth_mm:.0f} mm, now {format_number(before, 2)} mm"
     return make_table("suggestions", caption, ("change", "then [mm]", "difference"), rows)
+
+
+_LEAST_CHANGE = 0.005
 
 
 def _change(share: float) -> str:
@@ -275,9 +291,22 @@ def _pose_table(poses: Sequence[PoseEffect], budget: DepthBudget) -> HtmlTable:
     return make_table("poses", caption, columns, rows)
 
 
+def _in_words(combination: str) -> str:
+    """Return a combination of parameters with words for positions and visits of the stage.
+
+    >>> _in_words("0.39 position[3].x - 0.26 visit[13].y")
+    '0.39 (position 3 along X) − 0.26 (visit 13 along Y)'
+    """
+    return re.sub(
+        r"(position|visit)\[(\d+)\]\.([xyz])",
+        lambda found: f"({found[1]} {found[2]} along {found[3].upper()})",
+        combination,
+    ).replace(" - ", " − ")
+
+
 def _tolerance_lines(calibration: RigCalibration) -> list[str]:
     weak = [one for one in calibration.combinations if not one.from_images and one.ratio > _GAUGE]
     return [
-        f"{one.words} (information of the images: {format_two_digits(one.ratio)} of that of the tolerances)"
+        f"{_in_words(one.words)} (information of the images: {format_two_digits(one.ratio)} of that of the tolerances)"
         for one in weak
     ][:_MOST_COMBINATIONS]

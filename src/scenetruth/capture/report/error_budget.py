@@ -78,7 +78,8 @@ class DepthBudget:
         named = ", ".join(f"{part.title} {format_two_digits(part.mean_mm)} mm" for part in listed)
         return [
             f"Calibration and stage shift the depth at {self.depth_mm:.0f} mm of all pixels{self._scan} together, "
-            f"with a standard uncertainty of {format_two_digits(self.total.mean_std)} mm. Contributions: {named}.",
+            f"with a standard uncertainty of {format_two_digits(self.total.mean_std)} mm (prediction for a frontal "
+            f"plane; maps state that of the measured surface). Contributions: {named}.",
             "Depth differences within a map have a standard uncertainty of "
             f"{format_two_digits(self.calibration.rest_rms)} mm by the calibration (RMS over the image).",
         ]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scenetruth.capture.folder_reading import CaptureFolder
 from scenetruth.capture.image_reading import FrameMoments
 from scenetruth.capture.radiometry import SensorNoise
+from scenetruth.number_format import format_number
 from scenetruth.scoring.figures import FigureInfo
 from scenetruth.scoring.figures.figure_style import (
     BLUE,
@@ -91,9 +92,15 @@ def _draw_transfer(sets: dict[str, list[FrameMoments]], noise: SensorNoise | Non
     axes.grid()
     axes.legend()
     save(figure, target / "photon_transfer.png")
-    text = "Temporal variance of pixels with nearly the same mean, with two standard deviations. Linear sensors lie on "
-    text += "the line, by which every pixel of a board image is weighted. A bend shows gamma, a fall at the right end "
-    return FigureInfo("photon_transfer.png", "Noise of the sensor", text + "saturation.")
+    text = "Temporal variance of pixels with nearly the same mean, with two standard deviations. "
+    if noise is not None and np.isfinite(noise.gain_dn_per_e):
+        text += (
+            "Linear sensors lie on the line, by which every pixel of a board image is weighted. A bend shows gamma, a "
+            "fall at the right end saturation."
+        )
+    else:
+        text += "No gain is determined: all pixels of a board image have the same weight."
+    return FigureInfo("photon_transfer.png", "Noise of the sensor", text)
 
 
 def _binned(moments: FrameMoments) -> tuple[Array, Array, Array]:
@@ -119,7 +126,7 @@ def _draw_patterns(patterns: dict[str, Array], target: Path) -> FigureInfo:
         pixel_axes(axes)
         colorbar(figure, drawn, axes, label, extend="both")
         unit = "" if name == "flat" else " DN"
-        texts.append(f"{title.lower()}: {low:.3g} to {high:.3g}{unit}")
+        texts.append(f"{title.lower()}: {format_number(low)} to {format_number(high)}{unit}")
     save(figure, target / "fixed_patterns.png")
     text = (
         f"Removed from every image by the correction ({'; '.join(texts)} for 98 % of the pixels). The flat field shows "
@@ -162,7 +169,7 @@ def draw_depth_std(estimate: xr.Dataset, target: Path) -> list[FigureInfo]:
             colorbar(figure, drawn, axes, "mm", extend="both")
         void_legend(figure)
         save(figure, target / "depth_std.png")
-    text = "Left: scatter from pixel to pixel, by the noise of the images."
+    text = "Left: scatter from pixel to pixel, by the noise of the images." if len(parts) > 1 else ""
     if len(parts) > 1:
         text += (
             " Right: errors of calibration, stage and lens, which neighbouring pixels share: differences within the "

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from scenetruth.camera import Camera
 from scenetruth.capture.calibration import RigCalibration
-from scenetruth.capture.capture_check import sensor_noise
 from scenetruth.capture.capture_file import Capture
 from scenetruth.capture.folder_reading import CaptureFolder
+from scenetruth.capture.measured_noise import sensor_noise
 from scenetruth.capture.radiometry import SensorNoise
 from scenetruth.capture.rectification import ideal_rotation
 from scenetruth.capture.twin.surface_texture import NoiseLine

@@ -451,7 +451,7 @@ def summarise_estimate(summaries: Mapping[str, MapSummary]) -> list[SummarySente
 
 
 def describe_noise(summaries: Mapping[str, MapSummary]) -> dict[str, Any]:
-    """Return the medians with the standard deviation of a pixel, and the titles of those that it exceeds."""
+    """Return the medians with the standard deviation of a pixel, and a sentence on those that it exceeds."""
     found = _main_summaries(summaries)
     medians = []
     for entries in found:
@@ -467,8 +467,12 @@ def describe_noise(summaries: Mapping[str, MapSummary]) -> dict[str, Any]:
     return {
         "medians": ", ".join(medians),
         "stated": any(entries.median_std is not None for entries in found),
-        "hidden": _join(hidden) if hidden else "",
+        "hidden": f"{_hidden_by_noise(hidden)} smaller than the standard deviation of a pixel." if hidden else "",
     }
+
+
+def _hidden_by_noise(titles: Sequence[str]) -> str:
+    return f"The medians of {_join(titles)} are" if len(titles) > 1 else f"The median of {titles[0]} is"
 
 
 def _main_summaries(summaries: Mapping[str, MapSummary]) -> list[MapSummary]:

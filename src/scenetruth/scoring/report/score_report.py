@@ -16,7 +16,14 @@ import xarray as xr
 from scenetruth.errors import Problem, ScoreError
 from scenetruth.glossary import define_terms
 from scenetruth.html import template_environment
-from scenetruth.number_format import flatten, format_count, format_number, format_percent_value, humanise
+from scenetruth.number_format import (
+    flatten,
+    format_count,
+    format_measured,
+    format_number,
+    format_percent_value,
+    humanise,
+)
 from scenetruth.plain_data import argument_problems
 from scenetruth.progress import Progress
 from scenetruth.results import Result
@@ -217,7 +224,12 @@ def _render(
     practice: Sequence[Mapping[str, Any]],
 ) -> str:
     environment = template_environment("scenetruth.scoring.report")
-    environment.filters |= {"number": format_number, "percent": format_percent_value, "count": format_count}
+    environment.filters |= {
+        "number": format_number,
+        "measured": format_measured,
+        "percent": format_percent_value,
+        "count": format_count,
+    }
     scene = read_scene(recording)
     metadata = recording.attrs if score is None else score.metadata
     method = str(estimate.attrs.get("method", ""))
