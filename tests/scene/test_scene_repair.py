@@ -177,7 +177,11 @@ def part_of(where: tuple[str | int, ...]) -> str:
 
 @nightly
 @pytest.mark.parametrize("source", sorted(SCENES.glob("*.yaml")), ids=lambda file: file.stem)
-@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(
+    max_examples=30,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.filter_too_much],
+    deadline=None,
+)
 @given(data=some.data())
 def test_two_mistakes_have_the_problems_of_each(
     source: Path, data: some.DataObject, monkeypatch: pytest.MonkeyPatch
