@@ -23,6 +23,8 @@ _LIKE = 0.6
 """Minimum similarity of a suggested word."""
 _WITHOUT_UNIT = 0.9
 _MOST_WORDS = 3
+_OF_PATTERNS = {r"^[a-z][a-z0-9_]*$": "lower-case letters, digits and underscores, and begin with a letter"}
+"""Words for the patterns of names."""
 _KEY = "[key]"
 """Part of a location that pydantic uses for a key of a mapping."""
 
@@ -123,6 +125,8 @@ def _message(entry: ErrorDetails, path: str, model: type[BaseModel] | None) -> s
             return "must be a list; write [...] around a single item"
         case "model_type" | "model_attributes_type" | "dict_type" | "dataclass_type":
             return "must be a mapping of its fields"
+        case "string_pattern_mismatch" if words := _OF_PATTERNS.get(entry["ctx"]["pattern"]):
+            return f"must consist of {words}"
         case "string_type":
             return "must be text; put it in quotes" if isinstance(value, int | float) else "must be text"
         case "literal_error":

@@ -86,6 +86,22 @@ CHANGED: dict[str, tuple[dict[str, Any], list[str]]] = {
         {"objects.0.texture.radiance": 2.0, "objects.0.tint": {"red": 1.0}},
         ["objects.0.texture.radiance", "objects.0.tint"],
     ),
+    "picture of an object whose material has errors": (
+        {
+            "objects.0.texture": {"kind": "image", "file": "none.png"},
+            "objects.0.material": {"reflectance": {"red": 0.5, "nir": 1.5}},
+        },
+        ["objects.0.material.reflectance.nir", "objects.0.texture.file"],
+    ),
+    "a texture of one band, and bands that the camera lacks": (
+        {
+            "objects.0.texture": {
+                "kind": "by_band",
+                "textures": {"red": {"kind": "uniform", "radiance": 2.0}, "blue": {"kind": "uniform"}},
+            },
+        },
+        ["objects.0.texture.textures.red.radiance", *["objects.0.texture.textures"] * 2],
+    ),
 }
 
 
@@ -161,7 +177,11 @@ def part_of(where: tuple[str | int, ...]) -> str:
 
 @nightly
 @pytest.mark.parametrize("source", sorted(SCENES.glob("*.yaml")), ids=lambda file: file.stem)
-@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(
+    max_examples=30,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.filter_too_much],
+    deadline=None,
+)
 @given(data=some.data())
 def test_two_mistakes_have_the_problems_of_each(
     source: Path, data: some.DataObject, monkeypatch: pytest.MonkeyPatch

@@ -64,6 +64,7 @@ class _Repair(Repair):
         super().__init__(plain)
         self.shapeless: set[str] = set()
         self.colourless: set[str] = set()
+        self.textureless: set[str] = set()
         self.bands_known = True
         self.camera_known = True
 
@@ -97,14 +98,17 @@ class _Repair(Repair):
         return error != "bands" or self.bands_known
 
     def finished(self, scene: Scene) -> Scene:
-        """Return the scene with matt surfaces in place of those whose texture, tint or material has errors."""
+        """Return the scene with matt surfaces in place of those whose texture, tint or material has errors.
+
+        Textures without errors remain.
+        """
         objects, plants = list(scene.objects), list(scene.plants)
-        matt = {"tint": 1.0, "material": MATT}
-        for path in self.colourless:
+        matt: dict[str, Any] = {"tint": 1.0, "material": MATT}
+        for path in self.colourless | self.textureless:
             group, index = path.split(".")
             if group == "objects":
-                texture = {"texture": UniformTexture(kind="uniform")}
-                objects[int(index)] = objects[int(index)].model_copy(update={**matt, **texture})
+                plain = {"texture": UniformTexture(kind="uniform")} if path in self.textureless else {}
+                objects[int(index)] = objects[int(index)].model_copy(update=matt | plain)
             else:
                 plants[int(index)] = plants[int(index)].model_copy(update=matt)
         camera = scene.camera if self.camera_known else Camera(**_CAMERA, bands=scene.camera.bands)
@@ -169,12 +173,12 @@ class _Repair(Repair):
             case ["name"]:
                 # Textures depend on the name.
                 item["name"] = self._unused_name(path)
-                self.colourless.add(path)
-            case ["texture", "textures", band] if isinstance(item["texture"].get("textures", {}).get(band), dict):
+                self.textureless.add(path)
+            case ["texture", "textures", band, *_] if _has_band(item["texture"], band):
                 item["texture"]["textures"][band] = {"kind": "uniform"}
-                self.colourless.add(path)
+                self.textureless.add(path)
             case ["texture", *_]:
-                self.colourless.add(path)
+                self.textureless.add(path)
                 item.pop("texture", None)
                 if group == "objects":
                     item["texture"] = {"kind": "uniform"}
@@ -204,7 +208,7 @@ class _Repair(Repair):
                 name = item.get("name") if isinstance(item, dict) else None
                 if isinstance(name, str) and name in seen:
                     item["name"] = self._unused_name(f"{part}.{index}")
-                    self.colourless.add(f"{part}.{index}")
+                    self.textureless.add(f"{part}.{index}")
                 elif isinstance(name, str):
                     seen.add(name)
         if not seen and not self.plain.get("objects") and not self.plain.get("plants"):
@@ -220,6 +224,12 @@ class _Repair(Repair):
         while name in used:
             name += "'"
         return name
+
+
+def _has_band(texture: Any, band: str) -> bool:
+    """Return whether a texture by band has a texture in a band, other than a uniform one by default."""
+    textures = texture.get("textures") if isinstance(texture, dict) else None
+    return isinstance(textures, dict) and textures.get(band) not in (None, {"kind": "uniform"})
 
 
 def _replace_value(owner: dict[str, Any], name: str, inside: Keys) -> None:
