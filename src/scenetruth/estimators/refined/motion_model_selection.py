@@ -306,7 +306,7 @@ def _test_motion_models(
     tests = []
     for motion, fit in zip(compared, fits, strict=False):
         # Smaller windows determine whether an acceleration applies.
-        suited = among[0] & ~refined.uneven if motion.settings.accelerated else among[0]
+        suited = among[0]
         bent = find_far(motion.images, state, fit)
         changed = _changed(simpler, fit, suited[nodes], sigma)
         found = suited & enlarged(changed, at.step, suited.shape)
@@ -371,7 +371,7 @@ def _iterate(
                 near, smooth_velocity(again, (single | whole) & near, motion.settings.window_sigma_px), smooth
             )
         again = at_nodes(again, at.step)
-        suited = whole & near & ~refined.uneven if bent else whole & near
+        suited = whole & near
         changed = suited & enlarged(_changed(simpler, again, suited[nodes], sigma), at.step, suited.shape)
         promising.append(changed if bent else found | changed)
         simpler = simpler if bent else chosen_fit(near[nodes], again, fit)
