@@ -60,6 +60,7 @@ if TYPE_CHECKING:
         of_nearest_node,
     )
     from scenetruth.estimators.refined.motion_model_selection import find_remainders
+    from scenetruth.estimators.refined.neighbouring_motion import neighbouring_differences
     from scenetruth.estimators.refined.noise_estimation import (
         EVEN,
         GreyVariance,
@@ -89,6 +90,7 @@ if TYPE_CHECKING:
     )
     from scenetruth.estimators.refined.row_bands import FIT_LIMITS, NO_OCCLUSION
     from scenetruth.estimators.refined.smooth_light import SmoothLight
+    from scenetruth.estimators.refined.surface_changes import fit_linear_changes
     from scenetruth.estimators.refined.systematic_error import (
         Quantities,
         SystematicErrors,
@@ -179,6 +181,7 @@ __all__ = [
     "find_saturated_runs",
     "fine_contrast",
     "fit_bare_surfaces",
+    "fit_linear_changes",
     "fit_round",
     "follow_points",
     "image_motion",
@@ -195,6 +198,7 @@ __all__ = [
     "measure_noise_coupling",
     "near_bare_surfaces",
     "nearest_node",
+    "neighbouring_differences",
     "of_nearest_node",
     "photon_transfer_variance",
     "place_of",
@@ -247,6 +251,7 @@ __getattr__, __dir__ = export_lazily(
         "mean_image": "MeanImage find_outlines",
         "model_tests": "Alternative Linearisation at_nodes enlarged find_far of_nearest_node",
         "motion_model_selection": "find_remainders",
+        "neighbouring_motion": "neighbouring_differences",
         "noise_estimation": (
             "EVEN GreyVariance estimate_variance photon_transfer_variance resampled_transfer spline_transfer"
         ),
@@ -260,6 +265,7 @@ __getattr__, __dir__ = export_lazily(
         ),
         "row_bands": "FIT_LIMITS NO_OCCLUSION",
         "smooth_light": "SmoothLight",
+        "surface_changes": "fit_linear_changes",
         "systematic_error": (
             "Quantities SystematicErrors add_contradiction change_at_scales extrapolation_share list_spans "
             "polynomial_bias sees_second_camera"

@@ -35,6 +35,7 @@ from scenetruth.estimators.refined.iterations import RefinedState, refine
 from scenetruth.estimators.refined.lens_distortion import as_pinhole, read_lens
 from scenetruth.estimators.refined.light_edges import add_light_edges
 from scenetruth.estimators.refined.motion_model_selection import refit_motion_models
+from scenetruth.estimators.refined.neighbouring_motion import add_neighbouring_motion
 from scenetruth.estimators.refined.noise_estimation import photon_transfer_variance
 from scenetruth.estimators.refined.output_maps import (
     CORRECTIONS,
@@ -332,7 +333,7 @@ def _fit(
         if found.unresolved is not None:
             # Smaller windows were fitted to these pixels.
             found = replace(found, unresolved=found.unresolved & ~beside.where)
-    found = add_growth_bias(found)
+    found = add_neighbouring_motion(add_growth_bias(found), settings)
     fit = light.added(found.fit, beside.where, found.noise_ratio)
     found = replace(found, fit=systematic.added(fit, beside.where, found.noise_ratio))
     found = add_light_edges(found, settings)

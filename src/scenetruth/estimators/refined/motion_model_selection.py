@@ -305,8 +305,9 @@ def _test_motion_models(
     sigma, state = settings.window_sigma_px / at.step, at.state[:, *nodes]
     tests = []
     for motion, fit in zip(compared, fits, strict=False):
-        # Smaller windows determine whether an acceleration applies.
-        suited = among[0] & ~refined.uneven if motion.settings.accelerated else among[0]
+        # Smaller windows determine whether an acceleration over fewer frames applies; one over all frames makes them
+        # differ.
+        suited = among[0] & ~refined.uneven if motion.number == MOTION_ACCELERATED_IN_PART else among[0]
         bent = find_far(motion.images, state, fit)
         changed = _changed(simpler, fit, suited[nodes], sigma)
         found = suited & enlarged(changed, at.step, suited.shape)
@@ -371,7 +372,7 @@ def _iterate(
                 near, smooth_velocity(again, (single | whole) & near, motion.settings.window_sigma_px), smooth
             )
         again = at_nodes(again, at.step)
-        suited = whole & near & ~refined.uneven if bent else whole & near
+        suited = whole & near & ~refined.uneven if motion.number == MOTION_ACCELERATED_IN_PART else whole & near
         changed = suited & enlarged(_changed(simpler, again, suited[nodes], sigma), at.step, suited.shape)
         promising.append(changed if bent else found | changed)
         simpler = simpler if bent else chosen_fit(near[nodes], again, fit)

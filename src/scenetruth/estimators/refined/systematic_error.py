@@ -21,6 +21,7 @@ from scenetruth.estimators.refined.fit_maps import (
     STEADY_PLACES,
     accelerated,
     chosen_fit,
+    explained,
     extract_fields,
     find_discontinuities,
 )
@@ -41,6 +42,7 @@ from scenetruth.estimators.refined.model_tests import (
     of_nearest_node,
 )
 from scenetruth.estimators.refined.row_bands import around, window_weights
+from scenetruth.estimators.refined.surface_changes import fit_linear_changes
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_PLAIN
 
 __all__ = [
@@ -66,6 +68,8 @@ __all__ = [
 _SIGNIFICANT = 2.5
 # Standard deviation of the mean change from which still fewer frames are tried.
 _LARGE = 5.0
+# Distance in window widths over which such a change of velocity may be hidden by noise on the same surface.
+_SPREAD = 8
 # Changes are averaged over this multiple of the window's standard deviation: motions and surfaces change over larger
 # distances than a window, and the noise of the mean decreases.
 _WIDER = 2.0
@@ -344,7 +348,14 @@ def _linear_fits(
 
 
 def mean_change(
-    change: Map, noise: Map, among: Mask, sigma: float, correlated: float, *, scatter: bool = True
+    change: Map,
+    noise: Map,
+    among: Mask,
+    sigma: float,
+    correlated: float,
+    *,
+    scatter: bool = True,
+    least: float = _SIGNIFICANT,
 ) -> tuple[Map, Map, Map]:
     """Return the squares of the systematic change, its significance, and the noise of the mean, for maps (n, y, x).
 
@@ -354,6 +365,7 @@ def mean_change(
 
     ``correlated``: Variance of the mean relative to that of a pixel.
     ``scatter``: Whether the mean square is compared, too.
+    ``least``: Standard deviations from which on a mean change is significant.
     """
     from scipy.ndimage import gaussian_filter
 
@@ -375,7 +387,7 @@ def mean_change(
         of_square = usual * gaussian_filter(weight * value**2, wide, mode="constant") / share
         # Fewer pixels, more noise.
         by_chance = usual * np.minimum(correlated / np.minimum(share, 1.0), 1.0)
-        significant = mean**2 > _SIGNIFICANT**2 * by_chance
+        significant = mean**2 > least**2 * by_chance
         limit = usual * (1.0 + _SIGNIFICANT * np.sqrt(2.0 / np.maximum(freedom * share, 1.0)))
         scattered = (of_square > limit) & scatter
         square[n] = np.maximum(np.where(significant, mean**2, 0.0), np.where(scattered, of_square - usual, 0.0))
@@ -438,6 +450,8 @@ def _span_errors(
     settings: RefinedSettings,
 ) -> _SpanErrors:
     """Fit shorter spans of frames as long as their results change by much more than noise."""
+    from scipy.ndimage import binary_dilation
+
     sigma, step = settings.window_sigma_px, sample_step(settings.window_sigma_px)
     nodes = slice(None, None, step), slice(None, None, step)
     among = group.where[nodes]
@@ -446,6 +460,7 @@ def _span_errors(
     errors: list[Map] = [np.zeros_like(present.values)]
     times = [part.times for part in spans]
     theta, worth = state, np.zeros(among.shape, dtype=np.bool_)
+    doubtful = _near_unexplained(refined, settings)[nodes] & among
     for number, part in enumerate(spans[1:]):
         theta, made = fit_span(refined, group, part, theta, where, linear[number : number + 1], sigma)
         latest = collect_quantities(made, refined.noise_ratio)
@@ -457,19 +472,30 @@ def _span_errors(
         square, ratio, of_mean = change_at_scales(change, noise, among & where[nodes], sigma / step, _OF_SPANS)
         bent = group.suited(part).accelerated
         square = _with_hidden_changes(square, ratio, of_mean)
+        near_change = binary_dilation(
+            ratio[_VELOCITY:_STEADY].max(axis=0) > _LARGE, iterations=_SPREAD * round(sigma / step), mask=among
+        )
+        if (doubtful | near_change).any():
+            # Any change may be that of the motion, in addition to noise.
+            mean, *_ = mean_change(change, noise, among & where[nodes], sigma / step, _OF_SPANS, least=0.0)
+            hidden = (doubtful | near_change) & (OF_VELOCITY == 1)[:, None, None] & np.isfinite(of_mean)
+            square = np.where(hidden, np.maximum(square, mean + of_mean), square)
+        square, unsteady = _with_linear_changes(square, change, noise, among & where[nodes], sigma / step)
         share = extrapolation_share(times[n - 1], times[n], accelerated=bent)[OF_VELOCITY][:, None, None]
         errors[-1] = share**2 * square
         # Few frames are tested with those beyond: changes from fits that explain nothing are unlike their errors.
         tested = len(part.times) <= LARGEST_UNTESTED and settings.acceleration == "auto"
-        errors.append((0.0 if tested else np.maximum(share - 1.0, 0.0) ** 2) * square)
+        of_latest = np.maximum(share - 1.0, 0.0) ** 2 * square
+        errors.append(0.0 * of_latest if tested else of_latest)
         # The error of longer spans is the change to the shortest, and its own.
         for k in range(n - 1):
             change, noise = latest.values - quantities[k].values, _noise_of_change(quantities[k], latest)
             square, *_ = change_at_scales(change, noise, among & where[nodes], sigma / step, _OF_SPANS)
-            errors[k] = np.maximum(errors[k], square + errors[-1])
+            square, _ = _with_linear_changes(square, change, noise, among & where[nodes], sigma / step)
+            errors[k] = np.maximum(errors[k], square + np.where(unsteady, of_latest, errors[-1]))
         large = (ratio[[0, *range(_VELOCITY, _STEADY)]].max(axis=0) > _LARGE) | (n < group.span + 1)
         worth |= large & (n >= group.span + 1)
-        where = group.where & enlarged(large & among, step, refined.images.shape)
+        where = group.where & enlarged((large | unsteady) & among, step, refined.images.shape)
         if not where.any():
             break
     of_fit = errors[min(group.span, len(errors) - 1)]
@@ -502,6 +528,29 @@ def _with_hidden_changes(square: Map, ratio: Map, of_mean: Map) -> Map:
     unsteady = ratio[_VELOCITY:_STEADY].max(axis=0) > _SIGNIFICANT
     hidden = unsteady & (OF_VELOCITY == 1)[:, None, None] & np.isfinite(of_mean)
     return np.where(hidden, np.maximum(square, of_mean), square)
+
+
+def _near_unexplained(refined: RefinedState, settings: RefinedSettings) -> Mask:
+    """Return where the motion may be unsteady because windows of the same surface nearby do not fit it."""
+    fit, sigma = refined.fit, settings.window_sigma_px
+    known = np.isfinite(fit.theta[0])
+    noise = settings.max_residual_ratio * refined.images.residual_noise(fit.residual[0])
+    lost = known & ~explained(fit.residual[0], fit.residual[1], noise)
+    reach = window_weights(sigma).shape[2] // 2
+    lost &= ~around(find_discontinuities(refined.images, fit.theta) & ~around(~known, 1), reach)
+    step = sample_step(sigma)
+    return around(enlarged(large_areas(lost[::step, ::step], sigma / step), step, lost.shape), 2 * reach)
+
+
+def _with_linear_changes(square: Map, change: Map, noise: Map, among: Mask, sigma: float) -> tuple[Map, Mask]:
+    """Return squares of systematic changes, at least those of the linear change of a surface; and where it is unsteady.
+
+    Where the velocity of a surface changes, no quantity of its motion is steady within noise.
+    """
+    linear = fit_linear_changes(change, noise, among, sigma)
+    unsteady = linear.significant[_VELOCITY:_STEADY].any(axis=0)
+    counts = linear.significant | (unsteady & (OF_VELOCITY == 1)[:, None, None])
+    return np.where(counts, np.maximum(square, linear.square), square), np.asarray(unsteady)
 
 
 def fit_span(
