@@ -148,12 +148,12 @@ def test_embree_is_seldom_asked_for_parallel_light(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_kinds_of_faces_above_points_against_each_kind_alone(seed: int) -> None:
+def test_groups_of_faces_above_points_against_all_faces(seed: int) -> None:
     rng = np.random.default_rng(seed)
     count = 60
     corners = rng.uniform(-20, 20, (count, 1, 3)) + rng.uniform(-7, 7, (count, 3, 3))
     vertices, faces = corners.reshape(-1, 3), np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
-    kinds = rng.integers(0, 5, count).astype(np.uint8)
+    groups = rng.integers(0, 5, count).astype(np.uint8)
     weights = rng.dirichlet((1, 1, 1), 400)
     own = rng.integers(0, count, 400).astype(np.int32)
     points = np.einsum("nc,ncx->nx", weights, corners[own])
@@ -168,9 +168,9 @@ def test_kinds_of_faces_above_points_against_each_kind_alone(seed: int) -> None:
         matrix = np.stack([u, v, np.broadcast_to(-to_light, u.shape)], axis=-1)
         b1, b2, s = np.linalg.solve(matrix, (points[n] - corners[:, 0])[..., None])[..., 0].T
         hit = (b1 >= 0) & (b2 >= 0) & (b1 + b2 <= 1) & (s > 0) & (np.arange(count) != own[n])
-        for kind in kinds[hit]:
-            expected[n] |= np.uint64(1) << np.uint64(kind)
+        for group in groups[hit]:
+            expected[n] |= np.uint64(1) << np.uint64(group)
     assert len(np.unique(expected)) > 8
     for on_faces in (False, True):
-        found = shadows.kinds_above(points, own, wanted, to_light, kinds, on_faces=on_faces)
+        found = shadows.groups_above(points, own, wanted, to_light, groups, on_faces=on_faces)
         np.testing.assert_array_equal(found, expected)

@@ -22,7 +22,7 @@ __all__ = [
     "cell_of",
     "confirm_blocked",
     "flatten_faces",
-    "kinds_above",
+    "groups_above",
     "parallel_shadows",
     "sort_faces",
 ]
@@ -434,30 +434,30 @@ def _parallel_shadows(
             )
 
 
-def kinds_above(
+def groups_above(
     light: FacesInLight,
     points: NDArray[np.float64],
     own: NDArray[np.int32],
     wanted: NDArray[np.bool_],
-    kinds: NDArray[np.uint8],
+    groups: NDArray[np.uint8],
     apart: float,
 ) -> NDArray[np.uint64]:
-    """Return the kinds of the faces between points and parallel light, one bit each from the lowest, shape (n,).
+    """Return the groups of the faces between points and parallel light, one bit each from the lowest, shape (n,).
 
     Faces are hit as in `parallel_shadows` without confirmation.
 
-    ``kinds``: Kind of each face, below 64, shape (m,).
+    ``groups``: Group of each face, below 64, shape (m,).
     ``apart``: Distance in mm up to which faces do not count.
     """
     out = np.zeros(points.shape[0], dtype=np.uint64)
-    in_bands(_kinds_above, points.shape[0], light, points, own, wanted, kinds, apart, out, least=_LEAST)
+    in_bands(_groups_above, points.shape[0], light, points, own, wanted, groups, apart, out, least=_LEAST)
     return out
 
 
 @kernel()
-def _kinds_above(
+def _groups_above(
     low: int, high: int, light: FacesInLight, points: NDArray[np.float64], own: NDArray[np.int32],
-    wanted: NDArray[np.bool_], kinds: NDArray[np.uint8], apart: float, out: NDArray[np.uint64],
+    wanted: NDArray[np.bool_], groups: NDArray[np.uint8], apart: float, out: NDArray[np.uint64],
 ) -> None:  # fmt: skip
     frame, tolerance, numbers = light.frame, light.tolerance, light.numbers
     listed, large = light.listed, light.large
@@ -479,7 +479,7 @@ def _kinds_above(
                 # All following faces are behind the point too.
                 entry = max(entry, entries - 1)
                 continue
-            bit = np.uint64(1) << np.uint64(kinds[face])
+            bit = np.uint64(1) << np.uint64(groups[face])
             if found & bit or face == own[n]:
                 continue
             height = numbers[face, PLANE] * u + numbers[face, PLANE + 1] * v + numbers[face, PLANE + 2]

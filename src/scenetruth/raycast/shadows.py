@@ -100,27 +100,27 @@ class ShadowCaster:
             shaded[unsure] = self.blocked(points_mm[unsure], faces[unsure], many, np.full(len(unsure), np.inf))
         return shaded
 
-    def kinds_above(
+    def groups_above(
         self,
         points_mm: NDArray[np.float64],
         faces: NDArray[np.int32],
         wanted: NDArray[np.bool_],
         to_light: NDArray[np.float64],
-        kinds: NDArray[np.uint8],
+        groups: NDArray[np.uint8],
         *,
         on_faces: bool,
     ) -> NDArray[np.uint64]:
-        """Return the kinds of the faces that shade wanted points from parallel light, one bit each from the lowest.
+        """Return the groups of the faces that shade wanted points from parallel light, one bit each from the lowest.
 
-        ``kinds``: Kind of each face, below 64, shape (m,).
+        ``groups``: Group of each face, below 64, shape (m,).
         ``on_faces``: Whether the points are on flat faces, of which those outside all shadows need not be searched.
         """
-        from scenetruth.raycast.shadow_kernels import LIT, kinds_above
+        from scenetruth.raycast.shadow_kernels import LIT, groups_above
 
         if on_faces:
             wanted = wanted & (self.on_faces(to_light).state != LIT)[faces]
         points, light = np.ascontiguousarray(points_mm), self._faces_in_light(to_light)
-        found: NDArray[np.uint64] = kinds_above(light, points, faces, wanted, kinds, self._longest * _TOUCH)
+        found: NDArray[np.uint64] = groups_above(light, points, faces, wanted, groups, self._longest * _TOUCH)
         return found
 
     def on_faces(self, to_light: NDArray[np.float64]) -> FaceShadows:

@@ -20,7 +20,7 @@ from scenetruth.scene.material import Material
 __all__ = ["Reflection", "ReflectionTables", "SeenPoints", "light_of", "pack_materials"]
 
 _MIX = np.uint64(0x9E3779B97F4A7C15)  # multiplier that combines the zones of all lights into one number
-_MOST_KINDS = 64  # number of surfaces that cast shadows up to which one search finds those above a point
+_MOST_GROUPS = 64  # number of surfaces that cast shadows up to which one search finds those above a point
 
 
 class ReflectionTables(NamedTuple):
@@ -230,7 +230,7 @@ class Reflection:
                 starts, share = np.where(front[:, None], place.starts_mm, points_mm), np.ones(len(points_mm))
                 sheets = self._sheets_at(caster)
                 shades = None
-                if lamp.position_mm is None and not self._confirmed and len(sheets) <= _MOST_KINDS:
+                if lamp.position_mm is None and not self._confirmed and len(sheets) <= _MOST_GROUPS:
                     shades = self._shades_at(caster, sheets, starts, faces, light > 0, -lamp.axis)
                 for kind, sheet in enumerate(sheets):
                     if shades is None:
@@ -322,7 +322,7 @@ class Reflection:
             self._shadows = (ShadowCaster(caster.vertices_mm, caster.topology), kinds)
         shadows, kinds = self._shadows
         on_faces = not self._world.face_smooth.any()
-        return shadows.kinds_above(starts_mm, faces, wanted, to_light, kinds, on_faces=on_faces)
+        return shadows.groups_above(starts_mm, faces, wanted, to_light, kinds, on_faces=on_faces)
 
     def _sheets_at(self, caster: RayCaster) -> list[_Sheet]:
         """Return what casts shadows: all opaque surfaces together, and each surface that transmits light."""
