@@ -430,7 +430,7 @@ def test_a_series_of_exposures_shows_the_response(sensor: dict[str, Any], expone
 @nightly
 @pytest.mark.parametrize("bright", [False, True], ids=["linear", "square root"])
 def test_even_noise_is_distinguished_from_an_encoding(bright: bool, tmp_path: Path) -> None:
-    """Even noise may be added noise, or that of photons in square roots of the light: two exposures distinguish them."""
+    """Even noise may be added noise, or that of photons in square roots of light: two exposures distinguish them."""
     sensor = {"bit_depth": 12, "noise_std": 0.003}
     folder = exposed(tmp_path, sensor, exposures=None, static=16, dark=4)
     assert yaml.safe_load((folder / "capture.yaml").read_text())["files"]["exposure_times_s"] == [0.005, 0.01]
