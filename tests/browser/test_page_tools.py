@@ -182,6 +182,40 @@ def test_definitions_come_with_pointer_and_keyboard_and_go(page: Any) -> None:
     assert read_glossary()["rmse"].text in page.locator(f"#{described}").text_content()
 
 
+LOOSE = """() => {
+  const found = [], within = document.createTreeWalker(document.querySelector("main"), NodeFilter.SHOW_TEXT);
+  while (within.nextNode()) {
+    const node = within.currentNode;
+    if (node.parentElement.closest("script, style, pre, code, select, textarea, svg, .chart, #viewer")) continue;
+    if (/\\d (?:mm|px|%)(?![\\p{L}\\d])/u.test(node.data)) found.push(node.data);
+  }
+  return found;
+}"""
+
+
+def test_numbers_stay_on_a_line_with_their_units(report: Any) -> None:
+    assert report.evaluate(LOOSE) == []
+    assert report.evaluate("document.querySelector('main').textContent.includes('\\u00a0px')")
+
+
+def test_small_figures_can_be_enlarged(report: Any) -> None:
+    button, picture = report.locator("figure .enlarge").first, report.locator("main figure > img").first
+    report.set_viewport_size({"width": 1280, "height": 800})
+    report.wait_for_timeout(300)
+    assert not button.is_visible()
+    report.set_viewport_size({"width": 375, "height": 800})
+    report.wait_for_timeout(300)
+    before = picture.bounding_box()["width"]
+    button.click()
+    report.wait_for_timeout(300)
+    assert picture.bounding_box()["width"] == float(picture.get_attribute("width")) > before
+    # The figure scrolls, not the page.
+    assert report.evaluate("document.documentElement.scrollWidth") <= 375
+    button.click()
+    report.wait_for_timeout(300)
+    assert picture.bounding_box()["width"] == before
+
+
 def test_wide_tables_say_that_there_is_more(page: Any) -> None:
     page.set_viewport_size({"width": 375, "height": 800})
     page.wait_for_timeout(300)

@@ -329,7 +329,7 @@ def test_no_quantity_shows_a_map_twice(page: Any) -> None:
             assert any(one.startswith(name + ":") for one in shown)
 
 
-def test_tables_sort_and_their_heads_stay(page: Any) -> None:
+def test_tables_sort_and_hide_no_rows(page: Any) -> None:
     table = page.locator("#scores-interior")
     button = table.locator("th[data-column='3'] button")
     button.click()

@@ -307,7 +307,7 @@ def draw_growth(
     caption = (
         f"Relative growth rate of the surface area. {shown.caption} Estimate and truth share one scale: up to twice "
         "the largest true rate, or 98 % of the estimates if nothing grows. "
-        f"{100 * beyond:.0f}\N{NO-BREAK SPACE}% of the estimates lie beyond the scale. "
+        f"{100 * beyond:.0f} % of the estimates lie beyond the scale. "
         "The scale of the error is symmetric about zero and spans 98 % of the errors."
     )
     return FigureInfo("growth_rate.png", f"Growth rate: estimate, truth and error, t = {views.frame}", caption)
@@ -483,7 +483,7 @@ def _fractions(statuses: dict[str, NDArray[np.int64]]) -> str:
 def _percent(fraction: float) -> str:
     """Return a fraction of the image; under 0.05 % it is not 0.0 %."""
     text = f"{100 * fraction:.1f}" if fraction == 0 or fraction >= 5e-4 else "under 0.1"
-    return f"{text}\N{NO-BREAK SPACE}%"
+    return f"{text} %"
 
 
 def _coherence_panel(coherence: Map, extent: Extent) -> Panel:
