@@ -351,7 +351,7 @@ def test_fields_of_good_practice_have_a_table_where_they_are_given(tmp_path: Pat
         "Analysis",
         "Noise floor",
     ]
-    assert "practice-table" not in write_report(*parts, output=tmp_path / "without", figures=ONE).read_text()
+    assert 'id="practice-table"' not in write_report(*parts, output=tmp_path / "without", figures=ONE).read_text()
     for wrong in ({"Lens": "50 mm"}, score(case.estimate, case.truth)):
         with pytest.raises(ScoreError, match="good_practice: must be a GoodPracticeReport"):
             write_report(*parts, output=tmp_path / "wrong", figures=ONE, good_practice=wrong)  # type: ignore[arg-type]
