@@ -64,7 +64,7 @@ def test_a_page_is_one_file_in_which_no_word_acts() -> None:
         "best_columns": ["a", HOSTILE],
     }
     context |= {"statistics": [], "statistic": "", "regions": [], "region": HOSTILE, "quantities": []}
-    context |= {"columns": ["a"], "lines": [["3 px"]], "left_out": 0}
+    context |= {"columns": ["a"], "lines": [["3 px"]], "left_out": 0, "per_frame": False}
     page = render_page("scenetruth.design.sweeps", "sweep.html.j2", charts, found=found, **context)
     text = without_definitions(page)
     assert HOSTILE not in text

@@ -394,8 +394,10 @@ def state_result(sentences: Sequence[SummarySentence], method: str, interior: fl
     >>> motion = SummarySentence("Motion", "0.0336", "mm/frame", "RMSE.", relative=0.1, whole="0.0500")
     >>> growth = SummarySentence("Growth", "60.0", "%/h", "RMSE.", relative=47.0)
     >>> first, second = state_result([depth, motion, growth], "refined", 0.4).split(". ")
-    >>> first[:76], first[76:]
-    ('The method refined measures depth to 0.107 mm and motion to 0.0336 mm/frame', ' ')
+    >>> for part in first.split(" (")[0], first.split("over ")[1]:
+    ...     print(part)
+    The method refined measures depth to 0.107 mm and motion to 0.0336 mm/frame
+    all valid pixels: 2.30 mm and 0.0500 mm/frame), relative to the exact truth
     >>> second
     'Growth is not measurable here: the error is 47 times the true value.'
     """
