@@ -261,9 +261,10 @@ def _find_single(
 
     ``steps``: Zeros, one for each cell and one more for each row, for what is to the right of it.
     """
-    begin = 0
+    # Of one type from the first use on: kernels are compiled for every combination of types.
+    begin = np.int64(0)
     for body in range(boxes.shape[0]):
-        rows, columns = boxes[body, 2], boxes[body, 3]
+        rows, columns = np.int64(boxes[body, 2]), np.int64(boxes[body, 3])
         if rows * columns == 0:
             continue
         first, last = face_offsets[body], face_offsets[body + 1]
@@ -282,7 +283,9 @@ def _find_single(
                     elif side != sides[other] and _same(vertices, i, n) and _same(vertices, j, o):
                         continue
                 # The inside of a front face is to the right of a side that runs down, that of a back face to its left.
-                step = 0 if side & IGNORED else (1 if (side == FRONT) == (cells[j, 1] > cells[i, 1]) else -1)
+                step = np.int64(1 if (side == FRONT) == (cells[j, 1] > cells[i, 1]) else -1)
+                if side & IGNORED:
+                    step = np.int64(0)
                 _draw(cells, i, j, boxes[body], step, begin, steps, starts[body], single)
         for row in range(rows):
             layers, here = 0, starts[body] + row * columns
@@ -303,7 +306,7 @@ def _draw(
 ) -> None:  # fmt: skip
     """Unmark the cells that a side touches, and add a step of the number of layers where it crosses rows of cells."""
     x0, y0, x1, y1 = cells[i, 0] - box[1], cells[i, 1] - box[0], cells[j, 0] - box[1], cells[j, 1] - box[0]
-    rows, columns = box[2], box[3]
+    rows, columns = np.int64(box[2]), np.int64(box[3])
     margin = _MARGIN + _ROUNDING * (abs(x0) + abs(x1) + abs(y0) + abs(y1))
     low_x, high_x, low_y, high_y = min(x0, x1), max(x0, x1), min(y0, y1), max(y0, y1)
     slope = (x1 - x0) / (y1 - y0) if high_y - low_y > margin else 0.0

@@ -253,33 +253,34 @@ def _look_at_runs(
     focal_px, centre_x, centre_y = camera[0], camera[1], camera[2]
     inverse, sides, seen, unsure = layers.inverse, layers.sides, out.seen, out.unsure
     pending = np.uint64(runs.starts[low])  # first point that is not decided yet
-    for run in range(np.uint64(low), np.uint64(high)):
-        begin, end = np.uint64(runs.starts[run]), np.uint64(runs.starts[run + np.uint64(1)])
-        own = face[begin]
-        # All points of a run are on the same side of their face.
-        turned = (sides[own] & FRONT != 0) == fronts[begin]
-        clear = False
-        if turned and not sides[own] & IGNORED and end - begin >= np.uint64(_SHORTEST_RUN):
-            low_x, high_x, low_y, high_y, depth, least = np.inf, -np.inf, np.inf, -np.inf, 0.0, np.inf
-            for corner in range(4):
-                x, y, z = _place(vertices, faces, own, runs.corners[run, corner, 0], runs.corners[run, corner, 1])
-                px, py = focal_px * x / z + centre_x, focal_px * y / z + centre_y
-                low_x, high_x, low_y, high_y = min(low_x, px), max(high_x, px), min(low_y, py), max(high_y, py)
-                depth, least = max(depth, z), min(least, z)
-            low_x, high_x = (low_x + 0.5) * inverse, (high_x + 0.5) * inverse
-            low_y, high_y = (low_y + 0.5) * inverse, (high_y + 0.5) * inverse
-            clear = least > 0.0 and are_clear(layers, face_body[own], low_x, high_x, low_y, high_y, depth)
-        if turned and not clear:
-            continue
+    last = np.uint64(high)
+    # The point after the last run ends what is not decided, so that there is one call to compile.
+    for run in range(np.uint64(low), last + np.uint64(1)):
+        begin = np.uint64(runs.starts[run])
+        end, turned = begin, False
+        if run < last:
+            end, own = np.uint64(runs.starts[run + np.uint64(1)]), face[begin]
+            # All points of a run are on the same side of their face.
+            turned = (sides[own] & FRONT != 0) == fronts[begin]
+            clear = False
+            if turned and not sides[own] & IGNORED and end - begin >= np.uint64(_SHORTEST_RUN):
+                low_x, high_x, low_y, high_y, depth, least = np.inf, -np.inf, np.inf, -np.inf, 0.0, np.inf
+                for corner in range(4):
+                    x, y, z = _place(vertices, faces, own, runs.corners[run, corner, 0], runs.corners[run, corner, 1])
+                    px, py = focal_px * x / z + centre_x, focal_px * y / z + centre_y
+                    low_x, high_x, low_y, high_y = min(low_x, px), max(high_x, px), min(low_y, py), max(high_y, py)
+                    depth, least = max(depth, z), min(least, z)
+                low_x, high_x = (low_x + 0.5) * inverse, (high_x + 0.5) * inverse
+                low_y, high_y = (low_y + 0.5) * inverse, (high_y + 0.5) * inverse
+                clear = least > 0.0 and are_clear(layers, face_body[own], low_x, high_x, low_y, high_y, depth)
+            if turned and not clear:
+                continue
         if pending < begin:
             _look_at_points(pending, begin, vertices, faces, face, weights, fronts, face_body, layers, camera, out)
         pending = end
         for n in range(begin, end):
             seen[n] = turned
             unsure[n] = False
-    end = np.uint64(runs.starts[high])
-    if pending < end:
-        _look_at_points(pending, end, vertices, faces, face, weights, fronts, face_body, layers, camera, out)
 
 
 @kernel()
