@@ -117,8 +117,8 @@ def test_statistics_that_do_not_vary_are_listed(tmp_path: Path) -> None:
     run_dataset(recipe | {"base": [{"scene": SCENE | {"frames": {"count": 1}}}]}, output=folder)
     text = without_definitions(write_card(folder).read_text(encoding="utf-8"))
     assert "statistics.png" not in text
-    told = text.partition("<h2>Distributions</h2>")[2].partition("<h2>Reading</h2>")[0]
-    assert '<th scope="row">depth min [mm]</th>' in told
+    shown = text.partition("<h2>Distributions</h2>")[2].partition("<h2>Reading</h2>")[0]
+    assert '<th scope="row">depth min [mm]</th>' in shown
     assert "| depth min " in (folder / "card.md").read_text(encoding="utf-8")
 
 

@@ -88,14 +88,20 @@ def _with_empty(result: Score, density: float) -> Score:
     return dataclasses.replace(result, regions={**result.regions, "object_ghost": values})
 
 
-def test_reasons_of_invalid_pixels_are_fractions_of_the_image(full_case: Case) -> None:
-    estimate = full_case.estimate
+def test_reasons_of_invalid_pixels_are_fractions_of_the_surface(full_case: Case) -> None:
+    estimate, truth = full_case.estimate, full_case.truth.copy(deep=True)
     reasons = np.zeros(estimate["depth"].shape, dtype=np.int8)
-    reasons[:, :3] = REASONS.index("border")
+    half = reasons.shape[1] // 2
+    reasons[:, half : half + 3] = REASONS.index("border")
     stated = estimate.assign(invalid_reason=(("t", "y", "x"), reasons))
-    share = 100 * 3 / reasons.shape[1]
-    assert describe_invalidity(stated) == f"border of the image {share:.1f} %"
-    assert describe_invalidity(estimate.drop_vars("invalid_reason", errors="ignore")) == ""
+    # Where the truth has no surface, no pixel could be valid.
+    for rows in (0, 1):
+        truth["depth"].values[..., half : half + rows, :] = np.nan
+        surface = np.isfinite(truth.sel(t=estimate["t"].values)["depth"].values)
+        share = 100 * surface[:, half : half + 3].sum() / surface.sum()
+        assert share > 0
+        assert describe_invalidity(stated, truth) == f"border of the image {share:.1f} %"
+    assert describe_invalidity(estimate.drop_vars("invalid_reason", errors="ignore"), truth) == ""
 
 
 def test_medians_below_the_noise_of_a_pixel_are_named(full_case: Case) -> None:

@@ -22,7 +22,7 @@ from scenetruth.number_format import (
     format_with_std,
 )
 from scenetruth.schema import REASONS, read_intrinsics
-from scenetruth.scoring.alignment import check_estimate, count_blocks, iterate_blocks
+from scenetruth.scoring.alignment import check_estimate, count_blocks, iterate_aligned_blocks, iterate_blocks
 from scenetruth.scoring.common_statistics import COMMON_STATISTICS
 from scenetruth.scoring.error_pairs import (
     find_valid_pixels,
@@ -117,15 +117,18 @@ def interior_share(score: Score) -> float | None:
     return None
 
 
-def describe_invalidity(estimate: xr.Dataset) -> str:
-    """Return the reasons for invalid pixels with their fractions of the image; empty if none are stated."""
+def describe_invalidity(estimate: xr.Dataset, truth: xr.Dataset) -> str:
+    """Return the reasons for invalid pixels with their fractions of the surface; empty if none are stated."""
     if "invalid_reason" not in estimate:
         return ""
     counts, size = np.zeros(len(REASONS), dtype=np.int64), 0
-    for part in iterate_blocks(estimate):
+    for part, reference in iterate_aligned_blocks(estimate, truth):
         values = np.nan_to_num(part["invalid_reason"].values, nan=REASONS.index("not_determined")).astype(np.int64)
-        counts += np.bincount(values.ravel(), minlength=len(REASONS))
+        values = values[np.isfinite(reference["depth"].values)]
+        counts += np.bincount(values, minlength=len(REASONS))
         size += values.size
+    if not size:
+        return ""
     shares = sorted(((count / size, name) for name, count in zip(REASONS, counts.tolist(), strict=True)), reverse=True)
     return ", ".join(
         f"{_REASONS.get(name, name.replace('_', ' '))} {100 * share:.1f} %"

@@ -238,7 +238,7 @@ def _render(
         content = _content_with_truth(score, viewer, method)
         names = [] if truth is None or "object_id" not in truth else read_object_names(truth)
         content["empty_objects"] = [f"“{name}”" for name in names if f"object_{name}" not in score.regions]
-        content["invalid"] = describe_invalidity(estimate)
+        content["invalid"] = "" if truth is None else describe_invalidity(estimate, truth)
     template = "without_truth.html.j2" if score is None else "with_truth.html.j2"
     page = environment.get_template(template).render(
         made_of=made_of,
