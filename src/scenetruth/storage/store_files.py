@@ -9,6 +9,8 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
+from functools import cached_property
+from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import IO, Any, Protocol, cast
 
@@ -21,7 +23,9 @@ __all__ = [
     "ROOT",
     "SCENE",
     "TRUTH",
+    "StagedFiles",
     "StoreFiles",
+    "add_checksums",
     "check_checksums",
     "claim_store",
     "differs_from_packed",
@@ -30,7 +34,6 @@ __all__ = [
     "open_store_files",
     "pack",
     "store_name",
-    "write_checksums",
 ]
 
 
@@ -97,6 +100,10 @@ class StoreFiles(Protocol):
         """Return the content of a file."""
         ...
 
+    def open(self, name: str) -> IO[bytes]:
+        """Open a file for reading."""
+        ...
+
 
 def open_store_files(path: Path) -> StoreFiles:
     """Return the files of the store at a path."""
@@ -120,45 +127,85 @@ class _Folder:
     def read(self, name: str) -> bytes:
         return (self._path / name).read_bytes()
 
+    def open(self, name: str) -> IO[bytes]:
+        return (self._path / name).open("rb")
+
+
+class StagedFiles:
+    """Files of a store that is being written: content in memory, or the path of a finished file."""
+
+    def __init__(self, parts: Mapping[str, bytes | Path]) -> None:
+        self._parts = dict(sorted(parts.items()))
+
+    def sizes(self) -> dict[str, int]:
+        """Return the size in bytes of every file of the store, sorted by path."""
+        return {name: len(it) if isinstance(it, bytes) else it.stat().st_size for name, it in self._parts.items()}
+
+    def foreign(self) -> list[str]:
+        """Return the paths of files that do not belong to the store."""
+        return [name for name in self._parts if not is_part(name)]
+
+    def read(self, name: str) -> bytes:
+        """Return the content of a file."""
+        with self.open(name) as stream:
+            return stream.read()
+
+    def open(self, name: str) -> IO[bytes]:
+        """Open a file for reading."""
+        part = self._parts[name]
+        return BytesIO(part) if isinstance(part, bytes) else part.open("rb")
+
+    def save(self, folder: Path) -> None:
+        """Write the content in memory to the directory of the store, where the finished files are."""
+        for name, part in self._parts.items():
+            if isinstance(part, bytes):
+                file = folder / name
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_bytes(part)
+
 
 class _Zip:
     def __init__(self, path: Path) -> None:
         self._path = path
 
-    def _opened(self) -> zipfile.ZipFile:
+    @cached_property
+    def _archive(self) -> zipfile.ZipFile:
         try:
             return zipfile.ZipFile(self._path)
         except _DAMAGED as error:
             raise OSError(f"is not a zip file or is damaged: {error}") from error
 
     def sizes(self) -> dict[str, int]:
-        with self._opened() as archive:
-            return {item.filename: item.file_size for item in sorted(archive.infolist(), key=lambda one: one.filename)}
+        items = sorted(self._archive.infolist(), key=lambda one: one.filename)
+        return {item.filename: item.file_size for item in items}
 
     def foreign(self) -> list[str]:
         return [name for name in self.sizes() if not is_part(name)]
 
     def read(self, name: str) -> bytes:
-        with self._opened() as archive:
-            try:
-                return archive.read(name)
-            except _DAMAGED as error:
-                raise OSError(f"holds no intact {name}: {error}") from error
+        archive = self._archive
+        try:
+            return archive.read(name)
+        except _DAMAGED as error:
+            raise OSError(f"holds no intact {name}: {error}") from error
+
+    def open(self, name: str) -> IO[bytes]:
+        return BytesIO(self.read(name))
 
 
-def pack(folder: Path, target: Path) -> None:
+def pack(files: StoreFiles, target: Path) -> None:
     """Write the files of a store to one uncompressed zip file, byte for byte reproducible."""
     with target.open("wb") as stream:
-        _pack(folder, stream)
+        _pack(files, stream)
 
 
-def _pack(folder: Path, stream: IO[bytes]) -> None:
+def _pack(files: StoreFiles, stream: IO[bytes]) -> None:
     # A non-seekable stream makes the bytes independent of the target.
     with zipfile.ZipFile(cast(Any, _Forwards(stream)), "w", zipfile.ZIP_STORED) as archive:
-        for name in _Folder(folder).sizes():
+        for name in files.sizes():
             info = zipfile.ZipInfo(name)
             info.external_attr = 0o644 << 16
-            with (folder / name).open("rb") as source, archive.open(info, "w", force_zip64=True) as part:
+            with files.open(name) as source, archive.open(info, "w", force_zip64=True) as part:
                 shutil.copyfileobj(source, part, _BLOCK)
 
 
@@ -171,7 +218,7 @@ def differs_from_packed(path: Path, scratch: Path) -> bool:
         return True
     with path.open("rb") as stream:
         comparison = _Comparison(stream)
-        _pack(scratch, cast(Any, comparison))
+        _pack(_Folder(scratch), cast(Any, comparison))
         return comparison.differs or bool(stream.read(1))
 
 
@@ -206,17 +253,16 @@ CHECKSUM_ATTRIBUTE = "content"
 _BLANK = "0" * 64
 
 
-def write_checksums(path: Path) -> None:
-    """Write the checksums of a store: file count, bytes of all chunks, and SHA-256 of metadata, file names and sizes.
+def add_checksums(files: StoreFiles) -> bytes:
+    """Return the metadata of a store with checksums: file count, bytes of chunks, SHA-256 of metadata, names, sizes.
 
     Chunks have their own checksums. The digest field itself counts as zeros.
     """
-    files = open_store_files(path)
     sizes = files.sizes()
     metadata = json.loads(files.read(ROOT))
     metadata["attributes"][CHECKSUM_ATTRIBUTE] = {**_count(sizes), "sha256": _BLANK}
     blank = json.dumps(metadata, indent=2, ensure_ascii=True).encode()
-    (path / ROOT).write_bytes(blank.replace(_BLANK.encode(), _digest(files, sizes, blank).encode(), 1))
+    return blank.replace(_BLANK.encode(), _digest(files, sizes, blank).encode(), 1)
 
 
 def check_checksums(path: Path, attributes: dict[str, Any]) -> None:

@@ -20,7 +20,15 @@ from scenetruth.output import scratch_path, write_atomically
 from scenetruth.schema import FORMAT_VERSION, DatasetOutline, blank_map, check_dataset
 from scenetruth.schema.outline import OutlineVariable
 from scenetruth.storage.reader import STORE_KINDS
-from scenetruth.storage.store_files import CHECKSUM_ATTRIBUTE, claim_store, is_zip_name, pack, write_checksums
+from scenetruth.storage.store_files import (
+    CHECKSUM_ATTRIBUTE,
+    ROOT,
+    StagedFiles,
+    add_checksums,
+    claim_store,
+    is_zip_name,
+    pack,
+)
 from scenetruth.storage.zarr_layout import (
     ShardFile,
     chunk_shape,
@@ -67,12 +75,16 @@ class StoreWriter:
         check_dataset(like, kind)
         attributes = plain_attributes(like)
         self._like, self._kind = like, kind
-        # The zip file is created from the finished directory, because checksums cannot be added inside an archive.
-        self._zip = path if zipped else None
-        self._path = path = scratch_path(path) if zipped else path
+        self._path, self._zipped = path, zipped
+        # The zip file is created from finished files, because checksums cannot be added inside an archive.
+        self._chunks = scratch_path(path) if zipped else path
+        # Metadata and small variables; removing a directory for each would take longer than writing them.
+        self._contents: dict[str, Any] = {}
         self._encoders: dict[Hashable, Any] = {}
         self._files: dict[Hashable, ShardFile] = {}
+        self._shards: dict[str, Path] = {}
         self._variables = {name: like.variables[name] for name in like.data_vars if is_mapped(like[name].dims)}
+        self._arrays: dict[str, Any] = {}
         self._small: dict[str, NDArray[Any]] = {}
         self._pending: deque[tuple[ShardFile, tuple[int, ...], int, Future[bytes]]] = deque()
         self._pending_bytes = 0
@@ -80,7 +92,7 @@ class StoreWriter:
         packers = min(_THREADS, thread_count())
         self._pool = ThreadPoolExecutor(packers, thread_name_prefix="store") if packers > 1 else None
         with without_warnings():
-            self._group = group = zarr.create_group(path, zarr_format=3, attributes=attributes[""])
+            self._group = group = zarr.create_group(self._contents, zarr_format=3, attributes=attributes[""])
             for name, variable in like.variables.items():
                 self._create(group, str(name), variable, attributes[str(name)])
 
@@ -103,10 +115,13 @@ class StoreWriter:
         )
         if mapped:
             grid = [size // chunk for size, chunk in zip(shape, chunks, strict=True)]
-            self._files[name] = ShardFile(self._path.joinpath(name, "c", *("0" for _ in shape)), grid)
+            part = "/".join((name, "c", *("0" for _ in shape)))
+            place = self._chunks / (name if self._zipped else part)
+            self._files[name], self._shards[part] = ShardFile(place, grid), place
             self._encoders[name] = select_encoder(name, dtype)
         else:
             array[...] = variable.values
+            self._arrays[name] = array
 
     def describe(self, attrs: Mapping[str, Any]) -> None:
         """Add attributes that become available during writing."""
@@ -168,13 +183,16 @@ class StoreWriter:
                 raise ValueError(msg)
             file.close()
         for name, values in self._small.items():
-            self._group[name][...] = values
+            self._arrays[name][...] = values
         with without_warnings():
             # Without consolidated metadata, xarray warns when it opens the store.
-            zarr.consolidate_metadata(self._path, zarr_format=3)
-        write_checksums(self._path)
-        if self._zip is not None:
-            pack(self._path, self._zip)
+            zarr.consolidate_metadata(self._group.store, zarr_format=3)
+        parts = {**{part: content.to_bytes() for part, content in self._contents.items()}, **self._shards}
+        parts[ROOT] = add_checksums(StagedFiles(parts))
+        if self._zipped:
+            pack(StagedFiles(parts), self._path)
+        else:
+            StagedFiles(parts).save(self._path)
 
     def __enter__(self) -> Self:
         return self
@@ -190,8 +208,8 @@ class StoreWriter:
                 self._pool.shutdown(wait=True, cancel_futures=True)
             for file in self._files.values():
                 file.give_up()
-            if self._zip is not None:
-                shutil.rmtree(self._path, ignore_errors=True)
+            if self._zipped:
+                shutil.rmtree(self._chunks, ignore_errors=True)
 
 
 def _pack(encoder: Any, chunk: NDArray[Any]) -> bytes:
