@@ -77,8 +77,8 @@ def write_atomically(target: str | Path, *, overwrite: bool = False, claim: Clai
             try:
                 _remove(partial)
                 # Only an attempt shows whether the path is writable.
-                partial.mkdir()
-                partial.rmdir()
+                partial.touch()
+                partial.unlink()
                 yield partial
                 _put(place, partial, claim)
             except BaseException:
