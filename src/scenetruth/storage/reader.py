@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from itertools import product
 from pathlib import Path, PurePosixPath
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal
 
 from scenetruth.errors import RecordingError, StoreError
@@ -205,8 +204,6 @@ def verify_store(path: str | Path) -> str:
                 if count > 1 or dim not in ("y", "x", "channel")
             }
             variable.isel(place).load()
-    if is_zip_name(Path(path)):
-        with TemporaryDirectory(prefix="scenetruth-") as scratch:
-            if differs_from_packed(Path(path), Path(scratch)):
-                raise StoreError(path, "is damaged: the zip file differs from the one written; create it again")
+    if is_zip_name(Path(path)) and differs_from_packed(Path(path)):
+        raise StoreError(path, "is damaged: the zip file differs from the one written; create it again")
     return str(dataset.attrs["scenetruth"])

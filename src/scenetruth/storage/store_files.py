@@ -190,7 +190,7 @@ class _Zip:
             raise OSError(f"holds no intact {name}: {error}") from error
 
     def open(self, name: str) -> IO[bytes]:
-        return BytesIO(self.read(name))
+        return self._archive.open(name)
 
 
 def pack(files: StoreFiles, target: Path) -> None:
@@ -209,17 +209,15 @@ def _pack(files: StoreFiles, stream: IO[bytes]) -> None:
                 shutil.copyfileobj(source, part, _BLOCK)
 
 
-def differs_from_packed(path: Path, scratch: Path) -> bool:
+def differs_from_packed(path: Path) -> bool:
     """Return whether a zip file differs from the output of `pack` for the same content."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            archive.extractall(scratch)
-    except _DAMAGED:
+        with path.open("rb") as stream:
+            comparison = _Comparison(stream)
+            _pack(_Zip(path), cast(Any, comparison))
+            return comparison.differs or bool(stream.read(1))
+    except (OSError, *_DAMAGED):
         return True
-    with path.open("rb") as stream:
-        comparison = _Comparison(stream)
-        _pack(_Folder(scratch), cast(Any, comparison))
-        return comparison.differs or bool(stream.read(1))
 
 
 class _Forwards:
