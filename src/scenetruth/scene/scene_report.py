@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from scenetruth.bands import as_number
 from scenetruth.camera import build_sensor_chain
 from scenetruth.errors import Problem, SceneError, SceneWarning
-from scenetruth.scene.built_scene import BuiltScene
+from scenetruth.scene.built_scene import BuiltScene, find_materials
 from scenetruth.scene.lighting import IesLight, Lamp, Lighting, LightModel, PointLight
+from scenetruth.scene.mesh import TriangleMesh
 from scenetruth.scene.scene_models import Scene, compute_image_times
+from scenetruth.scene.scene_object import SceneObject
 from scenetruth.scene.texture import TextureModel
 
 __all__ = [
@@ -208,11 +210,9 @@ def _lamp_warnings(scene: Scene, world: BuiltScene) -> list[str]:
 
 def _gloss_warnings(scene: Scene, world: BuiltScene) -> list[str]:
     """Return warnings of sharp gloss that reflects lamps wider than their distance."""
-    # Bodies of a preview have no materials.
-    sharp = {item.name: item.material.least_roughness for _, item in scene.parts}
-    for body in world.bodies:
-        own = [material.least_roughness for material in body.materials]
-        sharp[body.name] = min(sharp.get(body.name, np.inf), *own)
+    # Bodies of a preview may have no materials.
+    items = {item.name: item for _, item in scene.parts}
+    sharp = {body.name: _least_roughness(items[body.name], body.mesh) for body in world.bodies}
     messages = []
     for number, lamp in enumerate(scene.band_scenes()[0].lighting.lamps_at(0.0)):
         if lamp.area is None or lamp.position_mm is None:
@@ -225,6 +225,16 @@ def _gloss_warnings(scene: Scene, world: BuiltScene) -> list[str]:
                 message += f"roughness of {roughness:g} is below {_SHARPEST_GLOSS:g}: reflections have errors of up to "
                 messages.append(f"{message}a third; use a smaller lamp or a rougher surface")
     return messages
+
+
+def _least_roughness(item: SceneObject, mesh: TriangleMesh) -> float:
+    """Return the least roughness of an object, infinite without gloss."""
+    try:
+        materials, _ = find_materials(item, mesh)
+    except SceneError:
+        # A file without gloss is reported with the objects.
+        return np.inf
+    return min(material.least_roughness for material in materials)
 
 
 def _lost_lamps(lighting: Lighting, times: Sequence[float]) -> dict[int, Problem]:
