@@ -9,7 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from scenetruth.render.reflectance_kernels import albedo_tables, fresnel, reflect_ambient, reflect_light
+from scenetruth.render.reflectance_kernels import (
+    albedo_tables,
+    fresnel,
+    mean_entering,
+    reflect_ambient,
+    reflect_light,
+)
 from scenetruth.render.reflection import pack_materials
 from scenetruth.scene.material import Material
 from tests.helpers.nightly import nightly
@@ -146,6 +152,46 @@ def test_matt_sheets_pass_their_share_of_the_light_behind(
     factors, gloss = reflect(Material(transmittance=share), direction(cosine, azimuth), behind[None], 0.7)
     assert factors[0] == pytest.approx(0.7 * share * other, rel=1e-12)
     assert gloss[0] == 0.0
+
+
+@pytest.mark.parametrize("cosine", [0.2, 0.6, 1.0])
+@pytest.mark.parametrize(
+    "material",
+    [
+        Material(refractive_index=1.5, roughness=0.1, transmittance=0.4),
+        Material(refractive_index=1.4, roughness=0.6, roughness_along=0.25, transmittance=0.4, metallic=0.3),
+    ],
+)
+def test_light_that_leaves_a_sheet_is_what_enters_times_its_transmittance(material: Material, cosine: float) -> None:
+    """The integral over all directions to the camera; midpoints of 160 angles leave 1e-4."""
+    behind = direction(cosine, 0.7) * (1, 1, -1)
+    views, weights = hemisphere()
+    up = np.tile([0.0, 0.0, 1.0], (len(views), 1))
+    factors, gloss = np.zeros((2, len(views)))
+    along, optics = np.array([[2.0, 0.0, 0.0]]), pack_materials([material])
+    seen = (np.zeros(3), -views, up, np.zeros(len(views), dtype=np.int32))
+    light = np.tile(behind, (len(views), 1))
+    reflect_light(np.ones(len(views)), light, seen, (along, np.zeros(1, dtype=np.int32), *optics), factors, gloss)
+    sent = float((factors * views[:, 2]) @ weights)
+    face = np.array([[[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [1.0, 2.0, 0.0]]])
+    entered = mean_entering(face, along, np.full(3, np.nan), -behind, optics.tables[0])
+    assert sent == pytest.approx(cosine * 0.4 * (1 - material.metallic) * entered, rel=2e-4)
+    assert not gloss.any()
+
+
+def test_shares_that_enter_are_means_by_the_light_that_faces_receive() -> None:
+    """Of two faces at right angles at different distances from a lamp, whose parts follow from single faces."""
+    optics = pack_materials([Material(refractive_index=1.5, roughness=0.2, transmittance=0.4)])
+    one = np.array([[[0.0, 0, 0], [4, 0, 0], [0, 4, 0]], [[0.0, 0, 0], [0, 0, 6], [0, 6, 0]]])
+    along, lamp = np.array([[1.0, 0, 0], [0, 1.0, 0]]), np.array([20.0, 5.0, 30.0])
+    args = lamp, np.zeros(3), optics.tables[0]
+    away = lamp - one.mean(axis=1)
+    # Area times cosine over the squared distance: E of a lamp of intensity 1, on 8 and 18 mm².
+    received = np.array([8 * away[0, 2], 18 * away[1, 0]]) / np.linalg.norm(away, axis=1) ** 3
+    shares = [mean_entering(one[k : k + 1], along[k : k + 1], *args) for k in range(2)]
+    assert shares[0] != pytest.approx(shares[1], rel=1e-3)
+    assert mean_entering(one, along, *args) == pytest.approx(received @ shares / received.sum(), rel=1e-12)
+    assert mean_entering(one[:, [0, 2, 1]], along, *args) == pytest.approx(mean_entering(one, along, *args), rel=1e-12)
 
 
 @given(materials, cosines)

@@ -502,6 +502,31 @@ def test_a_sheet_shades_with_its_transmittance(kind: str) -> None:
     assert not opaque[30:50, 50:70].any()
 
 
+@pytest.mark.parametrize("kind", ["directional", "point", "sphere"])
+def test_a_sheet_with_a_coat_shades_with_the_light_that_passes_its_boundary(kind: str) -> None:
+    """At 60°; a nearly smooth boundary reflects by Fresnel within 3e-4, and metal (a fifth) passes nothing."""
+    index, metal, tilt = 1.6, 0.2, np.deg2rad(60)
+    lamp: dict[str, Any] = {"kind": "directional", "direction": [0, 0, 1], "irradiance": 0.8}
+    if kind != "directional":
+        lamp = point(0, 0, -1e6, irradiance=0.8, reference_distance_mm=1e6 + DISTANCE)
+    if kind == "sphere":
+        lamp |= {"kind": "sphere", "radius_mm": 100.0}
+    sheet = {
+        "name": "sheet",
+        "mesh": {"kind": "plane", "size_mm": [80, 40]},
+        "pose": {"position_mm": [-20, -20, -50], "rotations": [{"axis": [0, 1, 0], "angle_deg": 60}]},
+        "texture": {"kind": "uniform", "radiance": 0.5},
+        "material": {"transmittance": 0.6, "refractive_index": index, "roughness": 0.04, "metallic": metal},
+    }
+    image = render_auto(plane({"lights": [lamp]}, others=(sheet,)))
+    cosine, inside = np.cos(tilt), np.sqrt(1 - (np.sin(tilt) / index) ** 2)
+    across = (cosine - index * inside) / (cosine + index * inside)
+    along = (index * cosine - inside) / (index * cosine + inside)
+    passed = 0.5 * 0.6 * (1 - metal) * (1 - 0.5 * (across**2 + along**2))
+    np.testing.assert_allclose(image[70:, 90:], 0.8, rtol=1e-5)
+    np.testing.assert_allclose(image[30:50, 50:70], 0.8 * passed, rtol=5e-4)
+
+
 def test_gloss_of_the_adaptive_renderer_agrees_with_many_samples() -> None:
     lamp = point(20, -10, 560)
     texture = {"kind": "noise", "wavelength_mm": [3.2, 12.0]}

@@ -21,6 +21,7 @@ from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.scene_models import compute_image_times
 from scenetruth.scene.scene_report import check_scene, describe_scene
 from scenetruth.truth import GeometryPass, interior_warnings, truth_maps
+from tests.helpers.mesh_files import gltf
 from tests.helpers.scenes import LIBRARY, cube, small
 
 
@@ -142,6 +143,32 @@ def test_large_textures_are_not_painted(monkeypatch: pytest.MonkeyPatch) -> None
     assert make_quick_preview(scene, parts).unpainted == []
     monkeypatch.setattr(quick_preview, "_QUICKLY_PAINTED", parts[0].texels - 1)
     assert make_quick_preview(scene, parts).unpainted == ["cube"]
+
+
+@pytest.mark.parametrize("most_texels", [10_000_000, 0], ids=["painted", "unpainted"])
+def test_materials_of_files_are_seen_with_and_without_their_texture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most_texels: int
+) -> None:
+    monkeypatch.setattr(quick_preview, "_QUICKLY_PAINTED", most_texels)
+    corners = np.array([[-28, -28, 0], [28, -28, 0], [28, 28, 0], [-28, 28, 0]], dtype=np.float32)
+    arrays = {"corners": corners, "index": np.array([0, 2, 1, 0, 3, 2], dtype=np.uint16)}
+    primitive = {"attributes": {"POSITION": "@corners"}, "indices": "@index", "material": 0}
+    gloss = {"pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 0.1}}
+    (tmp_path / "plate.gltf").write_text(gltf(arrays, primitive, materials=[gloss]))
+    plain = cube().to_dict()
+    lamp = {"kind": "sphere", "position_mm": [0, 0, 560], "radius_mm": 25, "irradiance": 0.1}
+    plain["lighting"] = {"lights": [lamp | {"reference_distance_mm": 600}]}
+    mesh = {"kind": "file", "file": str(tmp_path / "plate.gltf"), "unit_mm": 1}
+    plain["objects"][0] |= {"mesh": mesh, "material": {"from_file": True}, "pose": {"position_mm": [0, 0, 600]}}
+    scene = st.Scene.from_dict(plain)
+    preview = make_quick_preview(scene, [replace(part, painted=False) for part in list_object_workloads(scene)[0]])
+    assert len(preview.unpainted) == (most_texels == 0)
+    with pytest.warns(st.SceneWarning, match="wider than its distance") as simulated:
+        check_scene(scene, build_scene(scene))
+    expected = [str(each.message) for each in simulated if "wider" in str(each.message)]
+    assert [
+        text for text in describe_scene(scene, preview.world, preview.depth).warnings if "wider" in text
+    ] == expected
 
 
 def test_surfaces_that_begin_at_the_camera_take_bounded_memory(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,6 +16,7 @@ from scenetruth.resources.workload import compute_workload, list_object_workload
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.mesh import count_elements
 from scenetruth.scene.texture import compute_noise_shape, contains_wavelength, make_band_limited_noise
+from tests.helpers.mesh_files import gltf
 from tests.helpers.scenes import LIBRARY, SCENES, cube, small
 
 MESHES: list[dict[str, Any]] = [
@@ -141,3 +142,28 @@ def test_the_library_asks_for_what_its_files_say() -> None:
     demand = compute_workload(rosette, list_object_workloads(rosette)[0], views=5, complete=True)
     assert (demand.positions, demand.frames, demand.views, demand.lamps, demand.lit) == (5, 9, 5, 1, True)
     assert demand.sample_bytes == 2
+
+
+def test_problems_of_the_materials_of_files_are_those_of_their_objects(tmp_path: Path) -> None:
+    """Together with those of other objects, and of the texture of the same object."""
+    corners = np.array([[-20, -20, 0], [20, -20, 0], [20, 20, 0]], dtype=np.float32)
+    primitive = {"attributes": {"POSITION": "@corners"}, "indices": "@index", "material": 0}
+    rough = {"pbrMetallicRoughness": {"roughnessFactor": 1.2}}
+    arrays = {"corners": corners, "index": np.array([0, 2, 1], dtype=np.uint16)}
+    (tmp_path / "sheet.gltf").write_text(gltf(arrays, primitive, materials=[rough]))
+    plain = cube(lighting={"ambient": 1}).to_dict()
+    mesh = {"kind": "file", "file": str(tmp_path / "sheet.gltf"), "unit_mm": 1}
+    picture = {"kind": "image", "file": str(tmp_path / "nowhere.png")}
+    box = plain["objects"][0]
+    sheet = box | {"mesh": mesh, "material": {"from_file": True}}
+    plain["objects"] = [sheet, sheet | {"texture": picture, "name": "b"}, box | {"texture": picture, "name": "c"}]
+    scene = st.Scene.from_dict(plain)
+    parts, problems = list_object_workloads(scene)
+    assert parts == []
+    # Without texture coordinates, the sheet cannot have a picture either.
+    places = ("0.material.from_file", "1.texture.kind", "1.material.from_file", "1.texture.file", "2.texture.file")
+    paths = sorted(f"objects.{place}" for place in places)
+    assert sorted(problem.path for problem in problems) == paths
+    with pytest.raises(st.SceneError, match=r"roughnessFactor must be a number from 0 to 1, and is 1\.2") as caught:
+        st.simulate(scene)
+    assert sorted(problem.path for problem in caught.value.problems) == paths

@@ -141,3 +141,6 @@ def test_from_file_stands_alone() -> None:
         st.load_scene("cube", overrides=["objects.0.material={from_file: true, roughness: 0.2}"])
     with pytest.raises(SceneError, match="the mesh has no materials"):
         build_scene(st.load_scene("cube", overrides=["objects.0.material.from_file=true"]))
+    with pytest.raises(SceneError, match=r"plants\.0\.material: .*leaves have none") as caught:
+        st.load_scene("rosette", overrides=["plants.0.material.from_file=true"])
+    assert len(caught.value.problems) == 1

@@ -162,3 +162,69 @@ def test_disparities_within_two_pixels_are_no_problem() -> None:
     product = scene.camera.focal_px * scene.stage.baseline_mm
     report = describe_scene(scene, build_scene(scene), np.array([[product / 19, product / 22]]))
     assert not any("derivative" in message for message in report.warnings)
+
+
+def shaded_wall(place: tuple[float, float, float], lamp: dict[str, Any], width: int = 60, **light: Any) -> st.Scene:
+    """Return a wall at Z = 700 mm and a box, with an image of the wall's middle."""
+    wall = {"name": "wall", "mesh": {"kind": "plane", "size_mm": [300, 300]}, "pose": {"position_mm": [0, 0, 700]}}
+    box = {"name": "box", "mesh": {"kind": "box", "size_mm": [30, 20, 20]}, "pose": {"position_mm": [*place]}}
+    return st.Scene.from_dict(
+        {
+            "camera": {"width": width, "height": 40, "focal_length_px": 350},
+            "stage": {"positions": 2, "baseline_mm": 5},
+            "frames": {"count": 1},
+            "lighting": {"lights": [{**lamp, "irradiance": 0.3}], **light},
+            "objects": [item | {"texture": {"kind": "uniform", "radiance": 0.8}} for item in (wall, box)],
+            "render": {"backend": "raycast"},
+        }
+    )
+
+
+SLANTED = {"kind": "directional", "direction": [-1, 0, 1]}
+LAMP = {"position_mm": [650, 0, 50], "reference_distance_mm": 900}
+SPOT = LAMP | {"kind": "spot", "direction": [-1, 0, 1], "inner_angle_deg": 20, "outer_angle_deg": 25}
+DISC = LAMP | {"kind": "disc", "radius_mm": 8, "target_mm": [0, 0, 700]}
+
+
+@pytest.mark.parametrize("lamp", [SLANTED, SPOT, DISC], ids=["directional", "spot", "disc"])
+def test_objects_outside_every_image_may_cast_shadows(lamp: dict[str, Any]) -> None:
+    """The light at the pixel centres is that in the middle of a wide image, which shows the box as well."""
+    place = (300.0, 0.0, 400.0)
+    with pytest.warns(st.SceneWarning, match=r"objects\.1: 'box' is outside every image; it can only cast shadows"):
+        seen = st.simulate(shaded_wall(place, lamp), truth_content="complete_with_light")
+    narrow, image = seen.truth["surface_radiance"].values[0], seen.recording["image"].values[0, 0]
+    wide = st.simulate(shaded_wall(place, lamp, width=700), truth_content="complete_with_light").truth
+    np.testing.assert_allclose(narrow, wide["surface_radiance"].values[0, :, 320:380], atol=1e-9)
+    # Pixels inside and outside the shadow.
+    assert narrow.min() < 0.1 * narrow.max()
+    assert np.median(np.abs(image - narrow)) < 1e-3 * narrow.max()
+
+
+def test_objects_behind_the_camera_may_cast_shadows() -> None:
+    """Along the light, the box is moved without effect on its shadow."""
+    with pytest.warns(st.SceneWarning, match="'box' is behind the camera; it can only cast shadows"):
+        behind = st.simulate(shaded_wall((750, 0, -50), SLANTED)).recording["image"].values
+    with pytest.warns(st.SceneWarning, match="'box' is outside"):
+        ahead = st.simulate(shaded_wall((300, 0, 400), SLANTED)).recording["image"].values
+    np.testing.assert_allclose(behind, ahead, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("place", "lamp", "light", "message"),
+    [
+        ((-400, 0, 400), SLANTED, {}, "is outside every image"),
+        # Beyond the wall along the light, and beyond the lamp.
+        ((-500, 0, 1200), SLANTED, {}, "is outside every image"),
+        ((1400, 0, 400), SPOT, {}, "is outside every image"),
+        ((300, 0, 400), SLANTED, {"shadows": False}, "is outside every image"),
+        ((-750, 0, -50), SLANTED, {}, "is behind the camera"),
+        ((700, 0, 0), SLANTED, {}, "reaches behind the camera"),
+    ],
+)
+def test_unseen_objects_without_shadow_on_seen_ones_are_errors(
+    place: tuple[float, float, float], lamp: dict[str, Any], light: dict[str, Any], message: str
+) -> None:
+    scene = shaded_wall(place, lamp, **light)
+    with pytest.raises(st.SceneError, match=rf"objects\.1\.pose\.position_mm: 'box' {message}") as caught:
+        check_scene(scene, build_scene(scene))
+    assert len(caught.value.problems) == 1

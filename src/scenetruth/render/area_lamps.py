@@ -83,6 +83,7 @@ def pack_lamp(lamp: Lamp) -> NDArray[np.float64]:
 class _View:
     """One image: the lamps, and the shares of their light that reach the pixels.
 
+    ``packed``, ``depths``: For each lamp, `pack_lamp` and the optical depth of each face, or None without a size.
     ``body``, ``distance_mm``: Body and distance from the camera at each pixel, shape (height, width).
     ``pixel_angle``: Largest angle between neighbouring pixels. ``knowledge``: See `apply_shares`.
     ``shares``: Of factor and gloss, for each lamp, shape (lamps, height, width, 2).
@@ -95,6 +96,7 @@ class _View:
     caster: RayCaster
     origin_mm: NDArray[np.float64]
     packed: list[NDArray[np.float64] | None]
+    depths: list[NDArray[np.float64] | None]
     body: NDArray[np.int32]
     distance_mm: NDArray[np.float64]
     pixel_angle: float
@@ -115,14 +117,15 @@ class AreaLamps:
     """
 
     def __init__(
-        self, world: BuiltScene, transmitted: NDArray[np.float64], roughness: NDArray[np.float64], *, shadows: bool
-    ) -> None:
-        """Set up lamps; ``transmitted``, ``roughness``: Of each face, shape (m,); infinite roughness without gloss."""
-        from scenetruth.render.lamp_shadow_kernels import OPAQUE
+        self, world: BuiltScene, transmitted: Callable[[RayCaster, Lamp], NDArray[np.float64]],
+        roughness: NDArray[np.float64], *, shadows: bool,
+    ) -> None:  # fmt: skip
+        """Set up lamps; ``transmitted``: Returns the share of a lamp's light that each face transmits, shape (m,).
 
+        ``roughness``: Of each face, infinite without gloss, shape (m,).
+        """
         self._world = world
-        with np.errstate(divide="ignore"):
-            self._depths = np.minimum(-np.log(transmitted), OPAQUE)
+        self._transmitted = transmitted
         self._roughness = roughness
         self._shadows = shadows
         self._tree: tuple[RayCaster, SurfaceTree] | None = None
@@ -152,6 +155,7 @@ class AreaLamps:
             caster,
             place.origin_mm,
             packed,
+            [None if lamp.area is None or not self._shadows else self._depths(caster, lamp) for lamp in lamps],
             body.reshape(shape),
             distance.reshape(shape),
             pixel_angle,
@@ -336,7 +340,9 @@ class AreaLamps:
 
         def exact(chosen: NDArray[np.int64]) -> NDArray[np.float64]:
             some = place.some(chosen)
-            return self._exact_shares(caster, pack_lamp(lamp), some, surface, np.zeros(len(chosen)))[0][:, :2]
+            known = None if view is None else view.depths[number]
+            depths = self._depths(caster, lamp) if known is None else known
+            return self._exact_shares(caster, pack_lamp(lamp), depths, some, surface, np.zeros(len(chosen)))[0][:, :2]
 
         if view is None or place.pixels is None:
             light *= exact(np.arange(len(place.faces)))
@@ -371,7 +377,8 @@ class AreaLamps:
         """Return shares at points in pixels without knowledge: those of their centres, of pixels around, or exact."""
         from scenetruth.render.lamp_lattice_kernels import extrapolate
 
-        packed, shares = view.packed[number], view.shares[number]
+        packed, depths, shares = view.packed[number], view.depths[number], view.shares[number]
+        assert depths is not None
         assert packed is not None
         assert place.pixels is not None
         bodies, distance = self._world.face_body[place.faces], np.linalg.norm(place.points_mm - place.origin_mm, axis=1)
@@ -383,7 +390,8 @@ class AreaLamps:
         around = extrapolate(row_major[other], points, image, view.knowledge, shares, apart)
         found[other] = around[:, :2]
         some = other[~(around[:, 2] <= _EVEN)]
-        found[some] = self._exact_shares(view.caster, packed, place.some(some), surface, np.zeros(len(some)))[0][:, :2]
+        exact, _ = self._exact_shares(view.caster, packed, depths, place.some(some), surface, np.zeros(len(some)))
+        found[some] = exact[:, :2]
         return found
 
     def _find_shares(self, view: _View, place: SeenPoints, surface: Surface, mixed: NDArray[np.bool_]) -> None:
@@ -424,7 +432,8 @@ class AreaLamps:
             predict_level,
         )
 
-        values, shape = view.shares[number], label.shape
+        values, depths, shape = view.shares[number], view.depths[number], label.shape
+        assert depths is not None
         known, error = np.zeros(shape, dtype=np.uint8), np.full(shape, np.inf)
         first = np.zeros(shape, dtype=np.bool_)
         first[::COARSEST, ::COARSEST] = label[::COARSEST, ::COARSEST] > 0
@@ -437,7 +446,7 @@ class AreaLamps:
             chosen = number_of[pixels]
             # Up to the middle between pixels with values.
             near = 0.75 * step * size[chosen]
-            found, state = self._exact_shares(view.caster, packed, place.some(chosen), surface, near)
+            found, state = self._exact_shares(view.caster, packed, depths, place.some(chosen), surface, near)
             predicted = values.reshape(-1, 2)[pixels]
             weights = np.minimum(found[:, 3] / np.maximum(found[:, 2], 1e-300), 1.0)
             differs = np.abs(found[:, 0] - predicted[:, 0]) + weights * np.abs(found[:, 1] - predicted[:, 1])
@@ -454,9 +463,16 @@ class AreaLamps:
         view.knowledge[:] = np.where(apart | (view.knowledge == STEEP), STEEP, np.minimum(view.knowledge, own))
         view.knowledge[known == UNKNOWN] = UNKNOWN
 
+    def _depths(self, caster: RayCaster, lamp: Lamp) -> NDArray[np.float64]:
+        """Return the optical depth of each face in the light of a lamp, shape (m,)."""
+        from scenetruth.render.lamp_shadow_kernels import OPAQUE
+
+        with np.errstate(divide="ignore"):
+            return np.minimum(-np.log(self._transmitted(caster, lamp)), OPAQUE)
+
     def _exact_shares(
-        self, caster: RayCaster, packed: NDArray[np.float64], place: SeenPoints, surface: Surface,
-        near: NDArray[np.float64],
+        self, caster: RayCaster, packed: NDArray[np.float64], depths: NDArray[np.float64], place: SeenPoints,
+        surface: Surface, near: NDArray[np.float64],
     ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:  # fmt: skip
         """Compute shares at points, see `area_lamp_kernels.lamp_shares`."""
         from scenetruth.raycast.surface_tree_kernels import build_tree
@@ -465,7 +481,7 @@ class AreaLamps:
         if self._tree is None or self._tree[0] is not caster:
             corners = caster.vertices_mm[caster.topology.faces]
             self._tree = (caster, build_tree(corners, caster.topology.face_neighbours, self._world.face_body))
-        return lamp_shares(packed, self._tree[1], self._depths, place.view, (place.starts_mm, near), surface)
+        return lamp_shares(packed, self._tree[1], depths, place.view, (place.starts_mm, near), surface)
 
 
 def _single_points(seen: Seen) -> Seen:

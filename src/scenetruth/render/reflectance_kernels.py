@@ -18,6 +18,7 @@ __all__ = [
     "frame_of",
     "fresnel",
     "in_frame",
+    "mean_entering",
     "reflect_ambient",
     "reflect_light",
     "reflect_ray",
@@ -149,6 +150,34 @@ def entering(tables: NDArray[np.float64], direction: tuple[Any, ...]) -> Any:
     """Return the shares of light that the boundary, and one reflection of mirrors, do not reflect."""
     place = _table_place(tables[1], direction)
     return 1.0 - _at_place(tables[0], place), 1.0 - _at_place(tables[1], place)
+
+
+@kernel(error_model="numpy")
+def mean_entering(
+    corners: NDArray[np.float64], along: NDArray[np.float64], place: NDArray[np.float64], axis: NDArray[np.float64],
+    tables: NDArray[np.float64],
+) -> Any:  # fmt: skip
+    """Return the share of a lamp's light on faces, on either side, that the boundary does not reflect.
+
+    ``corners``, ``along``: Of the faces, shape (m, 3, 3), and their directions of x, of any length, shape (m, 3).
+    ``place``: Position of the lamp, or NaN for light in the direction ``axis``, shape (3,) each.
+    """
+    total, whole = 0.0, 0.0
+    normal, away = np.empty(3), np.empty(3)
+    for n in range(len(corners)):
+        a, b, c = corners[n, 0], corners[n, 1], corners[n, 2]
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            normal[k] = (b[i] - a[i]) * (c[j] - a[j]) - (b[j] - a[j]) * (c[i] - a[i])
+            away[k] = -axis[k] if np.isnan(place[k]) else place[k] - (a[k] + b[k] + c[k]) / 3.0
+        area, far = np.sqrt((normal**2).sum()), np.sqrt((away**2).sum())
+        if area == 0.0 or far == 0.0:
+            continue
+        light = in_frame(frame_of(normal / area, along[n]), away[0] / far, away[1] / far, away[2] / far)
+        received = area * abs(light[2]) / (far * far)
+        total += received * entering(tables, light)[0]
+        whole += received
+    return total / whole if whole > 0.0 else 0.0
 
 
 def reflect_light(

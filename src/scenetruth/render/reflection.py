@@ -123,20 +123,21 @@ def light_of(
 
 @dataclass(frozen=True, eq=False)
 class _Sheet:
-    """Surfaces that cast shadows of one transmittance.
+    """Surfaces of one material, or of all opaque materials, that cast shadows.
 
     ``numbers``: Index of each face of the scene among these faces, -1 for others, shape (m,).
+    ``material``: Index of the material; -1 for opaque surfaces.
     """
 
     caster: ShadowCaster
     numbers: NDArray[np.int32]
-    transmittance: float
+    material: int
 
     @classmethod
-    def of(cls, caster: RayCaster, faces: NDArray[np.int64], topology: Topology, transmittance: float) -> _Sheet:
+    def of(cls, caster: RayCaster, faces: NDArray[np.int64], topology: Topology, material: int) -> _Sheet:
         numbers = np.full(len(caster.topology.faces), -1, dtype=np.int32)
         numbers[faces] = np.arange(len(faces), dtype=np.int32)
-        return cls(ShadowCaster(caster.vertices_mm, topology), numbers, transmittance)
+        return cls(ShadowCaster(caster.vertices_mm, topology), numbers, material)
 
     @cached_property
     def sphere(self) -> tuple[NDArray[np.float64], float]:
@@ -178,8 +179,9 @@ class Reflection:
         self._shadows: tuple[ShadowCaster, NDArray[np.uint8]] | None = None
         self._world = world
         self._tangent: tuple[RayCaster, NDArray[np.float64]] | None = None
-        self._kinds: list[tuple[NDArray[np.int64], Topology, float]] | None = None
+        self._kinds: list[tuple[NDArray[np.int64], Topology, int]] | None = None
         self._sheets: tuple[RayCaster, list[_Sheet]] | None = None
+        self._passing: tuple[RayCaster, dict[bytes, NDArray[np.float64]]] | None = None
 
     def light(
         self, caster: RayCaster, lamps: list[Lamp], place: SeenPoints, optics: ReflectionTables | None = None,
@@ -228,7 +230,7 @@ class Reflection:
             dark = np.zeros(len(points_mm), dtype=np.bool_)
             if self._lighting.shadows:
                 starts, share = np.where(front[:, None], place.starts_mm, points_mm), np.ones(len(points_mm))
-                sheets = self._sheets_at(caster)
+                sheets, passing = self._sheets_at(caster), self._transmitted(caster, lamp)
                 shades = None
                 if lamp.position_mm is None and not self._confirmed and len(sheets) <= _MOST_GROUPS:
                     shades = self._shades_at(caster, sheets, starts, faces, light > 0, -lamp.axis)
@@ -237,8 +239,9 @@ class Reflection:
                         hidden = sheet.hides(lamp, starts, faces, light > 0, to_light, distance)
                     else:
                         hidden = (shades >> np.uint64(kind)) & np.uint64(1) > 0
-                    light[hidden] *= sheet.transmittance
-                    share[hidden] *= sheet.transmittance
+                    passed = 0.0 if sheet.material < 0 else float(passing[sheet.material])
+                    light[hidden] *= passed
+                    share[hidden] *= passed
                     dark |= hidden
                     # Points behind different sheets are in different shadows.
                     zone[hidden] = zone[hidden] * 3 + 1
@@ -253,10 +256,12 @@ class Reflection:
     @cached_property
     def _areas(self) -> AreaLamps:
         values, material = self._optics.values, self._world.face_material
-        transmitted = np.array([self._mean_transmittance(index) for index in range(len(values))])
         glossy = (values[:, 0] > 1) | (values[:, 3] > 0)
         roughness = np.where(glossy, values[:, 1:3].min(axis=1), np.inf)
-        return AreaLamps(self._world, transmitted[material], roughness[material], shadows=self._lighting.shadows)
+        return AreaLamps(
+            self._world, lambda caster, lamp: self._transmitted(caster, lamp)[material], roughness[material],
+            shadows=self._lighting.shadows,
+        )  # fmt: skip
 
     def begin(
         self, caster: RayCaster, lamps: list[Lamp], place: SeenPoints, mixed: NDArray[np.bool_], pixel_angle: float
@@ -284,11 +289,37 @@ class Reflection:
         """Return tangents, materials, and tables of the faces, see `reflectance_kernels.reflect_light`."""
         return self._tangents(caster), self._world.face_material, *(optics or self._optics)
 
-    def _mean_transmittance(self, index: int) -> float:
-        """Return the share of light that a material transmits on average over the texture."""
-        share = float(self._optics.values[index, 4])
-        texture = self._world.bodies[self._world.materials[index][1]].texture
-        return share * float(np.mean(texture.raster())) if share else 0.0
+    @cached_property
+    def _mean_transmittances(self) -> NDArray[np.float64]:
+        """Share of the light inside each material that it transmits on average over the texture, shape (k,)."""
+        shares = self._optics.values[:, 4].copy()
+        for index in np.flatnonzero(shares):
+            texture = self._world.bodies[self._world.materials[index][1]].texture
+            shares[index] *= float(np.mean(texture.raster()))
+        return shares
+
+    def _transmitted(self, caster: RayCaster, lamp: Lamp) -> NDArray[np.float64]:
+        """Return the share of a lamp's light that each material transmits, on average over texture and surface, (k,).
+
+        Integrated over all directions, the transmitted light of a point is that which enters times the transmittance.
+        """
+        from scenetruth.render.reflectance_kernels import mean_entering
+
+        if self._passing is None or self._passing[0] is not caster:
+            self._passing = (caster, {})
+        place = np.full(3, np.nan) if lamp.position_mm is None else np.asarray(lamp.position_mm, dtype=np.float64)
+        axis = np.ascontiguousarray(lamp.axis, dtype=np.float64)
+        kept, key = self._passing[1], place.tobytes() + axis.tobytes()
+        if key not in kept:
+            values, tables = self._optics
+            found = self._mean_transmittances.copy()
+            for index in np.flatnonzero((found > 0) & ((values[:, 0] > 1) | (values[:, 3] > 0))):
+                faces = self._world.face_material == index
+                corners = caster.vertices_mm[caster.topology.faces[faces]]
+                entered = mean_entering(corners, self._tangents(caster)[faces], place, axis, tables[index])
+                found[index] *= (1 - values[index, 3]) * entered
+            kept[key] = found
+        return kept[key]
 
     @cached_property
     def _optics(self) -> ReflectionTables:
@@ -330,19 +361,16 @@ class Reflection:
             self._sheets = (caster, [_Sheet.of(caster, *part) for part in self._parts(caster)])
         return self._sheets[1]
 
-    def _parts(self, caster: RayCaster) -> list[tuple[NDArray[np.int64], Topology, float]]:
-        """Return faces, topology and transmittance of what casts shadows."""
+    def _parts(self, caster: RayCaster) -> list[tuple[NDArray[np.int64], Topology, int]]:
+        """Return faces, topology and material of what casts shadows, see `_Sheet`."""
         if self._kinds is None:
             world, values = self._world, self._optics.values[:, 4]
             through = values[world.face_material] > 0
-            groups = [(np.flatnonzero(~through), 0.0)]
-            groups += [
-                (np.flatnonzero(world.face_material == index), self._mean_transmittance(int(index)))
-                for index in np.flatnonzero(values > 0)
-            ]
+            groups = [(np.flatnonzero(~through), -1)]
+            groups += [(np.flatnonzero(world.face_material == n), int(n)) for n in np.flatnonzero(values > 0)]
             self._kinds = [
-                (chosen, Topology.of(caster.vertices_mm, world.faces[chosen], world.crease_deg[chosen]), share)
-                for chosen, share in groups
+                (chosen, Topology.of(caster.vertices_mm, world.faces[chosen], world.crease_deg[chosen]), material)
+                for chosen, material in groups
                 if len(chosen)
             ]
         return self._kinds

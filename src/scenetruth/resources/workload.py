@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from scenetruth.errors import Problem, SceneError
 from scenetruth.random_streams import generator_for
 from scenetruth.render.lens_and_shutter import fine_parts, margin_px
 from scenetruth.resources.limits import Limits, too_much
-from scenetruth.scene.built_scene import add_missing_files
+from scenetruth.scene.built_scene import add_missing_files, find_materials
 from scenetruth.scene.leaf.leaf_mesh import LeafMesh
 from scenetruth.scene.mesh import MeshSize, TriangleMesh
 from scenetruth.scene.scene_models import Scene
@@ -133,22 +134,34 @@ class Workload(RecordingWorkload):
 
 
 def list_object_workloads(scene: Scene, folder: Path = Path()) -> tuple[list[ObjectWorkload], list[Problem]]:
-    """Return all objects with their workloads, and the problems of their meshes and textures."""
-    parts, problems = [], []
+    """Return all objects with their workloads, and the problems of their meshes, textures and materials."""
+    parts: list[ObjectWorkload] = []
+    problems: list[Problem] = []
     for path, item in scene.parts:
-        place = "mesh"
-        try:
+        found: list[Problem] = []
+        with _problems_of(f"{path}.mesh", found):
             size = item.mesh.size(folder)
             sketch = item.mesh.sketch(folder, SKETCHED_FACES)
-            place = "texture"
-            texels, painted = _texture(scene, item, sketch, folder)
-        except SceneError as error:
-            problems += [
-                Problem(f"{path}.{place}.{problem.path}", problem.message, problem.value) for problem in error.problems
-            ]
+        if not found:
+            with _problems_of(f"{path}.texture", found):
+                texels, painted = _texture(scene, item, sketch, folder)
+            with _problems_of(f"{path}.material", found):
+                if sketch is not None:
+                    find_materials(item, sketch)
+        problems += found
+        if found:
             continue
         parts.append(ObjectWorkload(path, item, size, sketch, texels, painted))
     return parts, add_missing_files(problems, scene, folder) if problems else []
+
+
+@contextmanager
+def _problems_of(where: str, found: list[Problem]) -> Iterator[None]:
+    """Append the problems of a part of an object to a list."""
+    try:
+        yield
+    except SceneError as error:
+        found += [Problem(f"{where}.{each.path}", each.message, each.value) for each in error.problems]
 
 
 def _texture(scene: Scene, item: SceneObject, sketch: TriangleMesh | None, folder: Path) -> tuple[int, bool]:

@@ -42,6 +42,7 @@ __all__ = [
     "Snapshot",
     "add_missing_files",
     "build_scene",
+    "find_materials",
     "find_motion_problems",
     "make_point_maps",
     "may_send_more",
@@ -462,7 +463,7 @@ def _painted_body(scene: Scene, item: SceneObject | None, body: SceneBody, folde
         return body
     try:
         texture, uv, uv_back = _paint(scene, item, body.mesh, folder)
-        materials, of_face = _materials(item, body.mesh)
+        materials, of_face = find_materials(item, body.mesh)
     except SceneError:
         # Files that cannot be read are reported with the objects.
         return body
@@ -501,7 +502,7 @@ def _build(
         given = item if painted else item.model_copy(update={"texture": UniformTexture(kind="uniform"), "tint": 1.0})
         texture, uv, uv_back = _paint(scene, given, mesh, folder)
         part = "material"
-        materials, material_of = _materials(item, mesh)
+        materials, material_of = find_materials(item, mesh)
         part = "deformation.0"
         first = item.deformation[0] if item.deformation else None
         start = (
@@ -519,7 +520,7 @@ def _build(
     bodies.append(SceneBody(item.name, mesh, start, uv, texture, maps, uv_back, materials, material_of))
 
 
-def _materials(item: SceneObject, mesh: TriangleMesh) -> tuple[tuple[Material, ...], NDArray[np.int64] | None]:
+def find_materials(item: SceneObject, mesh: TriangleMesh) -> tuple[tuple[Material, ...], NDArray[np.int64] | None]:
     """Return the materials of an object, and that of every face; None if there is only one."""
     if not item.material.from_file:
         return (item.material,), None

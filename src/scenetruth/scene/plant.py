@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from scenetruth.bands import BandNonNegative
 from scenetruth.scene.band_textures import BandTextures
@@ -77,6 +77,14 @@ class PlantModel(MaterialOwner):
     """Further deformations of every leaf, in the leaf frame."""
     motion: tuple[Motion, ...] = ()
     """Motion of the whole plant in the world."""
+
+    @field_validator("material")
+    @classmethod
+    def _of_no_file(cls, given: Material) -> Material:
+        if given.from_file:
+            msg = "`from_file` takes the material of a mesh file, and leaves have none; use a `preset`, or give values"
+            raise ValueError(msg)
+        return given
 
     @abstractmethod
     def places(self) -> Sequence[LeafPlace]:

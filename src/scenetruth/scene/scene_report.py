@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from scenetruth.bands import as_number
 from scenetruth.camera import build_sensor_chain
 from scenetruth.errors import Problem, SceneError, SceneWarning
-from scenetruth.scene.built_scene import BuiltScene
+from scenetruth.scene.built_scene import BuiltScene, SceneBody, find_materials
 from scenetruth.scene.lighting import IesLight, Lamp, Lighting, LightModel, PointLight
+from scenetruth.scene.mesh import TriangleMesh
 from scenetruth.scene.scene_models import Scene, compute_image_times
+from scenetruth.scene.scene_object import SceneObject
 from scenetruth.scene.texture import TextureModel
 
 __all__ = [
@@ -54,7 +56,7 @@ def find_setting_problems(scene: Scene) -> list[Problem]:
 
 def find_problems_of_contents(scene: Scene, world: BuiltScene, times: Sequence[float] | None = None) -> list[Problem]:
     """Return the problems of visibility, lens, shutter, backend, lamps and reflectance; ``world`` may lack objects."""
-    return _inspect(scene, world, times)[1]
+    return _inspect(scene, world, times).problems
 
 
 def _lamp_problems(scene: Scene, times: Sequence[float]) -> tuple[Lighting, set[int], list[Problem]]:
@@ -208,11 +210,9 @@ def _lamp_warnings(scene: Scene, world: BuiltScene) -> list[str]:
 
 def _gloss_warnings(scene: Scene, world: BuiltScene) -> list[str]:
     """Return warnings of sharp gloss that reflects lamps wider than their distance."""
-    # Bodies of a preview have no materials.
-    sharp = {item.name: item.material.least_roughness for _, item in scene.parts}
-    for body in world.bodies:
-        own = [material.least_roughness for material in body.materials]
-        sharp[body.name] = min(sharp.get(body.name, np.inf), *own)
+    # Bodies of a preview may have no materials.
+    items = {item.name: item for _, item in scene.parts}
+    sharp = {body.name: _least_roughness(items[body.name], body.mesh) for body in world.bodies}
     messages = []
     for number, lamp in enumerate(scene.band_scenes()[0].lighting.lamps_at(0.0)):
         if lamp.area is None or lamp.position_mm is None:
@@ -225,6 +225,16 @@ def _gloss_warnings(scene: Scene, world: BuiltScene) -> list[str]:
                 message += f"roughness of {roughness:g} is below {_SHARPEST_GLOSS:g}: reflections have errors of up to "
                 messages.append(f"{message}a third; use a smaller lamp or a rougher surface")
     return messages
+
+
+def _least_roughness(item: SceneObject, mesh: TriangleMesh) -> float:
+    """Return the least roughness of an object, infinite without gloss."""
+    try:
+        materials, _ = find_materials(item, mesh)
+    except SceneError:
+        # A file without gloss is reported with the objects.
+        return np.inf
+    return min(material.least_roughness for material in materials)
 
 
 def _lost_lamps(lighting: Lighting, times: Sequence[float]) -> dict[int, Problem]:
@@ -315,11 +325,10 @@ class SceneReport:
 
 def check_scene(scene: Scene, world: BuiltScene) -> None:
     """Raise a SceneError if nothing is visible, and warn about scenes unsuitable for estimation."""
-    reports, problems = _inspect(scene, world, None)
-    if problems:
-        raise SceneError(problems)
-    messages = [*_texture_warnings(reports), *_extension_warnings(reports), *_material_warnings(scene)]
-    for message in [*messages, *_gloss_warnings(scene, world)]:
+    found = _inspect(scene, world, None)
+    if found.problems:
+        raise SceneError(found.problems)
+    for message in [*_object_warnings(scene, found), *_gloss_warnings(scene, world)]:
         warnings.warn(message, SceneWarning, stacklevel=2)
 
 
@@ -327,7 +336,8 @@ def describe_scene(
     scene: Scene, world: BuiltScene, depth: NDArray[np.float64], times: Sequence[float] | None = None
 ) -> SceneReport:
     """Return the expected properties of the data."""
-    reports, problems = _inspect(scene, world, times)
+    found = _inspect(scene, world, times)
+    problems = found.problems
     seen = depth[np.isfinite(depth)]
     # For a subset of the objects, visible objects may be among the others.
     whole = len(world.bodies) == len(scene.parts)
@@ -341,8 +351,7 @@ def describe_scene(
     pixels = scene.camera.width * scene.camera.height
     chain = build_sensor_chain(scene.sensor)
     sample = chain.dtype.itemsize * max(len(chain.channels(scene.camera.bands)), 1)
-    messages = [*_texture_warnings(reports), *_extension_warnings(reports), *_material_warnings(scene)]
-    messages += [*_lamp_warnings(scene, world), *_gloss_warnings(scene, world)]
+    messages = [*_object_warnings(scene, found), *_lamp_warnings(scene, world), *_gloss_warnings(scene, world)]
     ends = (float(disparity.min()), float(disparity.max())) if seen.size else (0.0, 0.0)
     span = (ends[0] - round(mean), ends[1] - round(mean))
     messages += _registration_warnings(scene, ends, mean)
@@ -353,7 +362,7 @@ def describe_scene(
         mean_disparity_px=mean,
         working_point_px=round(mean),
         residual_disparity_px=span,
-        objects=tuple(reports),
+        objects=tuple(found.reports),
         warnings=tuple(messages),
     )
 
@@ -381,15 +390,28 @@ def _registration_warnings(scene: Scene, ends: tuple[float, float], mean: float)
     ]
 
 
-def _inspect(
-    scene: Scene, world: BuiltScene, times: Sequence[float] | None
-) -> tuple[list[ObjectReport], list[Problem]]:
+@dataclass(frozen=True, eq=False)
+class _Findings:
+    """Properties of the objects that images show, problems, and messages about the other objects."""
+
+    reports: list[ObjectReport]
+    problems: list[Problem]
+    unseen: list[str]
+
+
+def _object_warnings(scene: Scene, found: _Findings) -> list[str]:
+    reports = found.reports
+    of_files = [*_texture_warnings(reports), *_extension_warnings(reports)]
+    return [*found.unseen, *of_files, *_material_warnings(scene)]
+
+
+def _inspect(scene: Scene, world: BuiltScene, times: Sequence[float] | None) -> _Findings:
     moments = compute_image_times(scene) if times is None else times
     # Overflow is reported as a problem.
     with np.errstate(all="ignore"):
-        reports, problems = _object_reports(scene, world, moments)
-        problems += [*_camera_problems(scene), *find_lighting_problems(scene, world, times)]
-        return reports, [*problems, *_reflectance_problems(scene, world)]
+        found = _look_at_objects(scene, world, moments)
+        problems = [*_camera_problems(scene), *find_lighting_problems(scene, world, times)]
+        return replace(found, problems=[*found.problems, *problems, *_reflectance_problems(scene, world)])
 
 
 def _camera_problems(scene: Scene) -> list[Problem]:
@@ -436,9 +458,7 @@ class _ObjectRange:
         self.in_view = self.in_view or (self.near > 0 and _in_view(scene, vertices))
 
 
-def _object_reports(
-    scene: Scene, world: BuiltScene, times: Sequence[float]
-) -> tuple[list[ObjectReport], list[Problem]]:
+def _look_at_objects(scene: Scene, world: BuiltScene, times: Sequence[float]) -> _Findings:
     # Time by time, to limit memory.
     seen = [_ObjectRange() for _ in world.bodies]
     for t in times:
@@ -450,11 +470,17 @@ def _object_reports(
             one.look(scene, body.positions_at(t), t)
             if one.in_view:
                 break
-    reports, problems = [], []
+    reports, problems, unseen = [], [], []
     items = {item.name: (path, item) for path, item in scene.parts}
-    for one, body in zip(seen, world.bodies, strict=True):
+    shown = [one.in_view for one in seen]
+    for number, (one, body) in enumerate(zip(seen, world.bodies, strict=True)):
         path, item = items[body.name]
         near, far = one.near, one.far
+        hidden = far <= 0 or (near > 0 and not one.in_view)
+        if hidden and one.lost_at is None and _may_shade(scene, world, number, shown):
+            where = "is behind the camera" if far <= 0 else "is outside every image"
+            unseen.append(f"{path}: '{item.name}' {where}; it can only cast shadows")
+            continue
         if one.lost_at is not None:
             message = (
                 f"'{item.name}' exceeds the coordinate range at frame {one.lost_at:g}: no coordinate may be farther "
@@ -481,7 +507,45 @@ def _object_reports(
                     body.mesh.file_notes + getattr(body.texture, "notes", ()),
                 )
             )
-    return reports, problems
+    return _Findings(reports, problems, unseen)
+
+
+def _may_shade(scene: Scene, world: BuiltScene, number: int, shown: Sequence[bool]) -> bool:
+    """Return whether an object might cast a shadow on one that images show, by spheres around them."""
+    lighting = scene.band_scenes()[0].lighting
+    if not (lighting.lights and lighting.shadows):
+        return False
+    if len(world.bodies) < len(scene.parts):
+        # Objects with problems of their own are missing.
+        return True
+    for t in compute_image_times(scene):
+        try:
+            lamps = lighting.lamps_at(t)
+        except SceneError:
+            # The lamp is reported.
+            return True
+        centre, radius = _sphere_around(world.bodies[number], t)
+        for body in (body for body, visible in zip(world.bodies, shown, strict=True) if visible):
+            target, reach = _sphere_around(body, t)
+            for lamp in lamps:
+                if lamp.position_mm is None:
+                    ahead = max(float(-lamp.axis @ (centre - target)), 0.0)
+                    passed, width = target - ahead * lamp.axis, reach
+                else:
+                    way = lamp.position_mm - target
+                    share = np.clip(way @ (centre - target) / max(float(way @ way), 1e-300), 0.0, 1.0)
+                    own = 0.0 if lamp.area is None else np.linalg.norm(lamp.outline_mm() - lamp.position_mm, axis=1)
+                    passed, width = target + share * way, max(reach, float(np.max(own)))
+                if not np.linalg.norm(centre - passed) > radius + width:
+                    return True
+    return False
+
+
+def _sphere_around(body: SceneBody, t: float) -> tuple[NDArray[np.float64], float]:
+    """Return the centre and radius of a sphere around an object in mm."""
+    vertices = body.positions_at(t)
+    centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    return centre, float(np.linalg.norm(vertices - centre, axis=1).max())
 
 
 def _in_view(scene: Scene, vertices: NDArray[np.float64]) -> bool:

@@ -183,6 +183,27 @@ def _variances(method: Any) -> list[float]:
     return [float(np.var(noise[..., channel])) for channel in range(3)]
 
 
+def test_noise_of_demosaicing_is_no_curvature() -> None:
+    """A plane behind ``binomial``, whose noise at low frequencies is several times that of its pixels."""
+    drawn, recording = (
+        np.random.default_rng(5),
+        plane_recording(random_waves(6, 14, (1, 1, 1)), 0.3, "RGGB", "binomial"),
+    )
+    images = recording["image"].copy()
+    noise = [demosaic(drawn.normal(0, 0.02, images.shape[2:4]), "RGGB", "binomial") for _ in range(images.shape[0])]
+    images += np.array(noise, dtype=np.float32)[:, None]
+    settings: dict[str, Any] = {"window_sigma_px": 4, "discontinuity_refit": False}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", st.EstimateWarning)
+        noisy = recording.assign(image=images).assign_attrs(demosaicing="binomial")
+        estimate = st.estimate(noisy, "refined", **settings).isel(t=0)
+    inner = estimate.isel(y=slice(14, -14), x=slice(20, -20))
+    # Curvature of white noise exceeds the test in about 1 % of the windows.
+    assert float((inner["surface_model"] == 3).mean()) < 0.04
+    scaled = (inner["disparity"] - 0.3) / inner["disparity_std"]
+    assert 0.6 < float(np.sqrt((scaled**2).mean())) < 1.2
+
+
 @nightly
 @pytest.mark.parametrize(
     ("wavelengths", "colour", "method"),

@@ -97,6 +97,7 @@ if TYPE_CHECKING:
         add_contradiction,
         change_at_scales,
         extrapolation_share,
+        find_likely_changes,
         list_spans,
         polynomial_bias,
         sees_second_camera,
@@ -175,6 +176,7 @@ __all__ = [
     "find_dead_pixels",
     "find_far",
     "find_hidden",
+    "find_likely_changes",
     "find_open_blanks",
     "find_outlines",
     "find_remainders",
@@ -268,7 +270,7 @@ __getattr__, __dir__ = export_lazily(
         "surface_changes": "fit_linear_changes",
         "systematic_error": (
             "Quantities SystematicErrors add_contradiction change_at_scales extrapolation_share list_spans "
-            "polynomial_bias sees_second_camera"
+            "find_likely_changes polynomial_bias sees_second_camera"
         ),
         "tiles": "RegionImages choose_tiles margin_px spread_regions",
         "time_resolution": "choose_frames_beyond derivative_weights",

@@ -541,7 +541,7 @@ def _refit_motion_models(
 
     plain, among = found.pixels.spread(found.fit, box), [near[motion][box] for motion in richer]
     limit = settings.max_residual_ratio * _with_aliases(noise, by_aliases)
-    fit, which[box] = choose_motion_model(plain, trials(), among, sigma, limit)
+    fit, which[box] = choose_motion_model(plain, trials(), among, sigma, limit, noise_ratio=found.noise_ratio)
     changed = tried.where[found.pixels.where]
     for values, chosen in zip(found.fit, fit, strict=True):
         np.asarray(values)[..., 0, changed] = np.asarray(chosen)[..., tried.where[box]]

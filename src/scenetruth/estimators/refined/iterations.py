@@ -225,7 +225,7 @@ def fit_surface(
         curved, theta = np.full(images.shape, models[0].surface == _CURVED), fits[0].theta
         return theta, curved, np.where(wanted, 0, NO_MODEL).astype(np.int8)
     plane, bent = fits
-    curved = differ(plane, bent, sigma)
+    curved = differ(plane, bent, sigma, noise_ratio=images.noise_ratio)
     return np.where(curved, bent.theta, plane.theta), curved, np.where(wanted, curved, NO_MODEL).astype(np.int8)
 
 

@@ -130,12 +130,14 @@ class MotionModelTrial(NamedTuple):
 
 
 def choose_motion_model(
-    plain: Fit, trials: Iterable[MotionModelTrial], where: Sequence[Mask], sigma_px: float, noise: float, step: int = 1
-) -> tuple[Fit, NDArray[np.int8]]:
+    plain: Fit, trials: Iterable[MotionModelTrial], where: Sequence[Mask], sigma_px: float, noise: float, step: int = 1,
+    *, noise_ratio: float = 1.0,
+) -> tuple[Fit, NDArray[np.int8]]:  # fmt: skip
     """Return, at every pixel, the last fit that explains the images better and changes the selection, and its number.
 
     ``where``: Pixels (y, x) at which each fit may be selected. The plain fit has the number 0, the trials from 1 on.
     ``step``: Distance of the pixels of which means are taken; more than 1 for full windows, which vary smoothly.
+    ``noise_ratio``: Variance of the parameters by noise relative to that which the fits state.
     """
     which = np.zeros(plain.theta.shape[1:], dtype=np.int8)
     fit = plain
@@ -144,7 +146,8 @@ def choose_motion_model(
         among, sigma = tried[::step, ::step], _WIDER * sigma_px / step
         other = tried & explained(trial.fit.residual[0], trial.fit.residual[1], noise)
         other &= np.isfinite(trial.fit.theta[0]) & np.isfinite(trial.fit.variance[0])
-        other &= enlarged(differ(*pair, sigma, motion=True, among=among, most=_MOST), step, tried.shape)
+        differs = differ(*pair, sigma, motion=True, among=among, most=_MOST, noise_ratio=noise_ratio)
+        other &= enlarged(differs, step, tried.shape)
         less = _leaves_less(pair[0], trial._replace(fit=pair[1]), other[::step, ::step], sigma, noise)
         other &= enlarged(less, step, tried.shape)
         if trial.growth is not None:
@@ -224,7 +227,9 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
             yield MotionModelTrial(fit, motion.images is images, take, growth)
 
     noise = settings.max_residual_ratio * images.residual_noise(refined.fit.residual[0])
-    fit, which = choose_motion_model(refined.fit, trials(state), tried, sigma, noise, at.step)
+    fit, which = choose_motion_model(
+        refined.fit, trials(state), tried, sigma, noise, at.step, noise_ratio=images.noise_ratio
+    )
     accelerated_ones = [number for number, motion in enumerate(richer, 1) if motion.settings.accelerated]
     lost = find_remainders(which, accelerated_ones, known, sigma)
     return replace(
@@ -309,7 +314,7 @@ def _test_motion_models(
         # differ.
         suited = among[0] & ~refined.uneven if motion.number == MOTION_ACCELERATED_IN_PART else among[0]
         bent = find_far(motion.images, state, fit)
-        changed = _changed(simpler, fit, suited[nodes], sigma)
+        changed = _changed(simpler, fit, suited[nodes], sigma, refined.images.noise_ratio)
         found = suited & enlarged(changed, at.step, suited.shape)
         if _compares_growth(refined.fit, motion):
             growth = compare_growth(present, fit, sigma, among[1][nodes], motion.images.transfer)
@@ -373,7 +378,9 @@ def _iterate(
             )
         again = at_nodes(again, at.step)
         suited = whole & near & ~refined.uneven if motion.number == MOTION_ACCELERATED_IN_PART else whole & near
-        changed = suited & enlarged(_changed(simpler, again, suited[nodes], sigma), at.step, suited.shape)
+        changed = suited & enlarged(
+            _changed(simpler, again, suited[nodes], sigma, refined.images.noise_ratio), at.step, suited.shape
+        )
         promising.append(changed if bent else found | changed)
         simpler = simpler if bent else chosen_fit(near[nodes], again, fit)
     return _list_tried(promising, richer), theta, smooth
@@ -403,7 +410,7 @@ def _iterated(
     return fit, np.where(is_valid_step(theta, fit.theta), fit.theta, theta)
 
 
-def _changed(plain: Fit, other: Fit, among: Mask, sigma: float) -> Mask:
+def _changed(plain: Fit, other: Fit, among: Mask, sigma: float, noise_ratio: float) -> Mask:
     """Return the nodes near which a fit differs from another over areas as large as a window of sigma nodes."""
-    found = differ(plain, other, _WIDER * sigma, motion=True, among=among, most=_MOST)
+    found = differ(plain, other, _WIDER * sigma, motion=True, among=among, most=_MOST, noise_ratio=noise_ratio)
     return among & large_areas(found, sigma)

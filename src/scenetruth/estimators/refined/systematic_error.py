@@ -56,6 +56,7 @@ __all__ = [
     "collect_quantities",
     "estimate_systematic_errors",
     "extrapolation_share",
+    "find_likely_changes",
     "fit_span",
     "list_alternatives",
     "list_spans",
@@ -413,8 +414,11 @@ def _window_errors(refined: RefinedState, group: SpanGroup, smaller: Fit, sigma:
     fine, full = (collect_quantities(each, refined.noise_ratio) for each in (smaller, at_nodes(refined.fit, step)))
     among = group.where[::step, ::step]
     noise = _noise_of_change(full, fine)
-    square, *_ = change_at_scales(fine.values - full.values, noise, among, sigma / step, _OF_WINDOWS)
-    return share**2 * square
+    change = fine.values - full.values
+    square, *_ = change_at_scales(change, noise, among, sigma / step, _OF_WINDOWS)
+    plane = among & ~refined.curved[::step, ::step]
+    likely = find_likely_changes(change, noise, plane, sigma / step, _OF_WINDOWS)
+    return share**2 * np.where(OF_VELOCITY[:, None, None] == 0, np.maximum(square, likely), square)
 
 
 # Variance of the mean change between windows of σ and σ / 2 over a Gaussian of 2 σ, relative to that of a pixel: both
@@ -517,6 +521,19 @@ def change_at_scales(change: Map, noise: Map, among: Mask, sigma: float, correla
         coarse = mean_change(clipped, noise, among, scale * sigma, less, scatter=False)
         square, ratio = np.maximum(square, coarse[0]), np.maximum(ratio, coarse[1])
     return square, ratio, of_mean
+
+
+def find_likely_changes(change: Map, noise: Map, among: Mask, sigma: float, correlated: float) -> Map:
+    """Return the squares of mean changes, the largest of all scales, also if they are not significant.
+
+    Surfaces are rarely planes: where noise hides their curvature, errors of planes exceed noise on average.
+    """
+    found = np.zeros_like(change)
+    for scale in (1.0, *_COARSER):
+        less = correlated * (1.0 + _WIDER**2) / (1.0 + (scale * _WIDER) ** 2)
+        square, *_ = mean_change(change, noise, among, scale * sigma, less, scatter=False, least=0.0)
+        found = np.maximum(found, square)
+    return found
 
 
 def _with_hidden_changes(square: Map, ratio: Map, of_mean: Map) -> Map:
