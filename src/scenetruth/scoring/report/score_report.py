@@ -41,6 +41,7 @@ from scenetruth.scoring.report.report_content import (
     summarise_score,
 )
 from scenetruth.scoring.report.setting_rows import describe_settings
+from scenetruth.scoring.report.surface_rows import describe_surfaces
 from scenetruth.scoring.report.viewer import Viewer, build_viewer, json_for_script, packed_plotly, viewer_script
 from scenetruth.scoring.score_result import Score
 from scenetruth.scoring.scorer import score as evaluate
@@ -273,7 +274,8 @@ def _content_without_truth(estimate: xr.Dataset) -> dict[str, Any]:
     sentences = summarise_estimate(found)
     # The table has the others.
     cards = [one for one in found.values() if one.title in {each.title for each in sentences}]
-    return {"rows": list(found.values()), "cards": cards, "sentences": sentences, "noise": describe_noise(found)}
+    values = {"rows": list(found.values()), "cards": cards, "sentences": sentences, "noise": describe_noise(found)}
+    return {**values, "surfaces": describe_surfaces(estimate)}
 
 
 _PRACTICE_COLUMNS = ("group", "field", "value", "unit", "source")

@@ -74,9 +74,7 @@ def _settings_model(method: str) -> type[BaseModel] | None:
         return None
 
 
-def _rows(
-    settings: Mapping[str, Any], model: type[BaseModel] | None, prefix: str, within: str
-) -> Iterator[SettingRow]:
+def _rows(settings: Mapping[str, Any], model: type[BaseModel] | None, prefix: str, within: str) -> Iterator[SettingRow]:
     texts = {} if model is None else field_docstrings(model)
     fields = {} if model is None else model.model_fields
     for key, value in settings.items():
@@ -108,7 +106,7 @@ def _model_within(annotation: Any) -> type[BaseModel] | None:
 
 _UNITS = {"px": "px", "mm": "mm", "s": "s", "deg": "°", "frames": "frames", "dn": "DN", "urad": "µrad", "ppm": "ppm"}
 _STATED_UNIT = re.compile(r"(?:, | in |, in )(px|mm|DN|frames|grey values)(?: per (frame|step of s))?(?=$|[,.;:])")
-_END = re.compile(r"[.;:](?:\s|$)|, which\b|, and the\b|, for grey values\b")
+_END = re.compile(r"[.;:](?:\s|$)|, which\b|, and the\b|, for grey values\b|, odd\b")
 
 
 def name_setting(key: str, description: str = "") -> tuple[str, str]:
