@@ -76,7 +76,7 @@ MAY_IMPORT = {
         *("scene", "camera", "raycast", "render", "truth", "schema", "provenance", "resources", "output", "storage"),
     },
     "estimators": {*LEAVES, "schema"},
-    "scoring": {*LEAVES, "results", "schema"},
+    "scoring": {*LEAVES, "results", "schema", "estimators"},
     "strain": {*LEAVES, "results", "schema", "scoring", "camera", "scene", "truth"},
     "pipeline": {
         *LEAVES,

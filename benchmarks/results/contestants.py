@@ -12,6 +12,7 @@ from typing import Any
 from benchmarks.peers import few_images
 from benchmarks.peers.catalogue import PEERS, requirements_of
 
+from scenetruth.benchmark.benchmark_report import describe_method
 from scenetruth.estimators import MethodSpec
 from scenetruth.estimators.external import CommandMethod
 from scenetruth.estimators.method_specs import parse_method
@@ -44,6 +45,8 @@ class Contestant:
         Packages whose versions are stated.
     how
         Its settings in words.
+    approach
+        Its algorithm in one line, of programs; that of other methods is in their docstrings.
     link
         Address of its code.
     spelled
@@ -60,6 +63,7 @@ class Contestant:
     settings: dict[str, Any] = field(default_factory=dict)
     packages: tuple[str, ...] = ()
     how: str = ""
+    approach: str = ""
     link: str = ""
     spelled: str = ""
     version: str = ""
@@ -69,13 +73,20 @@ class Contestant:
         """The method with its settings and label."""
         return MethodSpec(self.method, self.settings, label=self.key)
 
+    @property
+    def description(self) -> str:
+        """Its algorithm in one line, without a full stop."""
+        return (self.approach or ("" if self.method is None else describe_method(self.method))).removesuffix(".")
+
 
 _SAME = "the four images of the stereo programs, window of 8 px (averages noise as subsets of 28 px)"
 CONTESTANTS: Sequence[Contestant] = (
     Contestant("refined", "refined", BUILT_IN, "all", "refined", how="defaults"),
     Contestant("structure_tensor", "structure tensor", BUILT_IN, "all", "structure_tensor", how="defaults"),
     Contestant("plane_sweep", "plane sweep", BUILT_IN, "all", "plane_sweep", how="defaults"),
-    Contestant("refined_4", "refined, 4 images", BUILT_IN, "4", few_images.refined_of_four, how=_SAME),
+    Contestant(
+        "refined_4", "refined, 4 images", BUILT_IN, "4", few_images.refined_of_four, how=_SAME, approach="As `refined`"
+    ),
     Contestant(
         "structure_tensor_4",
         "structure tensor, 4 images",
@@ -83,6 +94,7 @@ CONTESTANTS: Sequence[Contestant] = (
         "4",
         few_images.structure_tensor_of_four,
         how=_SAME,
+        approach="As `structure_tensor`",
     ),
     Contestant(
         "opencv_farneback",
@@ -103,12 +115,54 @@ CONTESTANTS: Sequence[Contestant] = (
         packages=("opencv-python-headless",),
         how="`opencv_scene_flow[stereo: bm, flow: dis]`",
     ),
-    Contestant("pyvale", "pyvale 2D", PROGRAM, "2", how="subsets of 29 px every 5 px, affine"),
-    Contestant("pyvale_stereo", "pyvale stereo", PROGRAM, "4", how="subsets of 31 px every 5 px, affine"),
-    Contestant("al_dic_3d", "al-dic-3d", PROGRAM, "4", how="windows of 28 px every 8 px, global step"),
-    Contestant("sun_dic", "SUN-DIC", PROGRAM, "2", how="subsets of 29 px every 5 px, affine"),
-    Contestant("pyxel", "pyxel", PROGRAM, "2", how="quadrilaterals of 24 px"),
-    Contestant("mudic", "muDIC", PROGRAM, "2", how="quadrilaterals of 24 px, one rectangle"),
+    Contestant(
+        "pyvale",
+        "pyvale 2D",
+        PROGRAM,
+        "2",
+        how="subsets of 29 px every 5 px, affine",
+        approach="Subset correlation of two images at a time",
+    ),
+    Contestant(
+        "pyvale_stereo",
+        "pyvale stereo",
+        PROGRAM,
+        "4",
+        how="subsets of 31 px every 5 px, affine",
+        approach="Subset correlation of both cameras and frames together",
+    ),
+    Contestant(
+        "al_dic_3d",
+        "al-dic-3d",
+        PROGRAM,
+        "4",
+        how="windows of 28 px every 8 px, global step",
+        approach="Stereo correlation with the global step of the augmented Lagrangian",
+    ),
+    Contestant(
+        "sun_dic",
+        "SUN-DIC",
+        PROGRAM,
+        "2",
+        how="subsets of 29 px every 5 px, affine",
+        approach="Subset correlation of two images at a time, inverse compositional Gauss-Newton",
+    ),
+    Contestant(
+        "pyxel",
+        "pyxel",
+        PROGRAM,
+        "2",
+        how="quadrilaterals of 24 px",
+        approach="Finite-element correlation of two images at a time",
+    ),
+    Contestant(
+        "mudic",
+        "muDIC",
+        PROGRAM,
+        "2",
+        how="quadrilaterals of 24 px, one rectangle",
+        approach="Finite-element correlation of two images at a time",
+    ),
 )
 
 

@@ -21,7 +21,7 @@ from benchmarks.results.comparison import (
     value_of,
     values,
 )
-from benchmarks.results.contestants import BUILT_IN, OPENCV, SUBMITTED
+from benchmarks.results.contestants import BUILT_IN, CONTESTANTS, OPENCV, SUBMITTED
 from benchmarks.results.data import MethodData, markdown, select, spelled
 from benchmarks.results.four_images import JOBS
 from benchmarks.results.jobs import list_jobs
@@ -387,9 +387,10 @@ def _table_of_values(results: Results, wanted: Sequence[Value], first: str) -> s
 
 
 def settings_table(results: Results) -> str:
-    """Return version, settings and images of every method."""
-    lines = [[one.title, one.version, one.how, one.images] for one in results.methods]
-    return markdown(("method", "version", "settings", "images"), lines)
+    """Return algorithm, version, settings and images of every method."""
+    known = {one.key: one.description for one in CONTESTANTS}
+    lines = [[one.title, known.get(one.key, "–"), one.version, one.how, one.images] for one in results.methods]
+    return markdown(("method", "algorithm", "version", "settings", "images"), lines)
 
 
 _NAMES = {

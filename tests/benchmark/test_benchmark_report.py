@@ -15,6 +15,7 @@ from scenetruth.benchmark import BenchmarkResult
 from scenetruth.benchmark.benchmark_report import (
     describe_densities,
     describe_margins,
+    describe_method,
     select_worst_regions,
     write_benchmark_report,
 )
@@ -22,6 +23,7 @@ from scenetruth.benchmark.cases import ALL, BOUND, COMMON_VALID, METHOD_VALID, B
 from scenetruth.benchmark.design_point import CaseErrorMaps
 from scenetruth.benchmark.error_statistics import compute_efficiency_records
 from scenetruth.benchmark.ranking_charts import build_charts, compute_rank_leaders, describe_stated_uncertainty
+from scenetruth.estimators import MethodSpec, list_methods
 from scenetruth.estimators.external import CommandMethod, ResultsFolder
 from scenetruth.estimators.method_specs import parse_methods
 from tests.helpers.page_words import without_definitions
@@ -94,8 +96,10 @@ def test_charts_hold_what_was_measured(comparison: BenchmarkResult) -> None:
 
 
 def test_the_page_is_one_file_in_which_no_word_acts(comparison: BenchmarkResult, tmp_path: Path) -> None:
-    page = write_benchmark_report(comparison, [["mine"], ["theirs[a: 1]"]], tmp_path, "core")
+    described = {"mine": f"A window of {HOSTILE}"}
+    page = write_benchmark_report(comparison, [["mine"], ["theirs[a: 1]"]], tmp_path, "core", None, described)
     text = page.read_text(encoding="utf-8")
+    assert "A window of &lt;/script&gt;" in text
     assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
     assert HOSTILE not in text
     assert "noise at 0.1: mine: why" in text
@@ -111,6 +115,30 @@ def test_the_page_is_one_file_in_which_no_word_acts(comparison: BenchmarkResult,
     assert not re.search(r'(src|href)="(?!#)', outside)
     assert "scenetruth compare mine 'theirs[a: 1]' --case noise --level VALUE -o again" in outside.replace("&#39;", "'")
     assert all(math.isfinite(value) for value in charts["noise-disparity-noise_std"]["data"][0]["y"])
+
+
+def shifted(recording: xr.Dataset) -> xr.Dataset:
+    """Shift of a whole image. Not for
+    growth.
+
+    Parameters: none.
+    """
+    return recording
+
+
+def test_methods_are_described_by_the_first_sentence_of_their_docstring(tmp_path: Path) -> None:
+    for entry in list_methods():
+        if entry.origin == "scenetruth":
+            text = describe_method(entry.name)
+            assert text.endswith(".")
+            assert 20 < len(text) < 130
+            assert "Settings of" not in text
+    assert describe_method(shifted) == "Shift of a whole image."
+    assert describe_method(MethodSpec(shifted, label="mine")) == "Shift of a whole image."
+    assert describe_method(lambda recording: recording) == ""
+    assert describe_method(CommandMethod("true {recording} {output}", "dice")).startswith("An external program")
+    (tmp_path / "theirs").mkdir()
+    assert describe_method(ResultsFolder(tmp_path / "theirs", "theirs")).startswith("A results folder")
 
 
 def told_by(*figures: tuple[str, float], own: tuple[str, ...] = ("mine",), kind: str = "noise") -> BenchmarkResult:

@@ -196,6 +196,10 @@ def test_noise_of_overlapping_windows_is_stated_with_its_correlation() -> None:
     # Without it, the stated noise would be far too small.
     independent = noisy_strain(1e-3, 1, 3.0, 0.0, window=9, step=2)[1]
     assert measured > 2 * float(independent["exx_std"].values[0][interior(correlated[1])].mean())
+    # At borders, where windows are cut, as in all points.
+    ratio = correlated[0][:, 0].std(axis=0, ddof=1) / correlated[1]["exx_std"].values[0]
+    assert math.sqrt(np.nanmean(ratio**2)) == pytest.approx(1, rel=NOISE)
+    assert math.sqrt(np.nanmean(ratio[:, 0] ** 2)) == pytest.approx(1, rel=2 * NOISE)
 
 
 def test_noise_of_depth_counts_where_the_surface_turns() -> None:

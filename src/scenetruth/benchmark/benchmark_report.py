@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import math
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,6 +24,9 @@ from scenetruth.benchmark.ranking_charts import (
     describe_quantity,
     describe_stated_uncertainty,
 )
+from scenetruth.estimators import MethodLike, find_method
+from scenetruth.estimators.method_specs import read_method
+from scenetruth.estimators.user_code import FunctionMethod
 from scenetruth.html import render_page
 from scenetruth.number_format import format_measured, format_number, format_percent, format_two_digits, format_unit
 from scenetruth.output import write_atomically
@@ -32,6 +37,7 @@ __all__ = [
     "WorstRegion",
     "describe_densities",
     "describe_margins",
+    "describe_method",
     "select_worst_regions",
     "write_benchmark_report",
 ]
@@ -140,8 +146,9 @@ def write_benchmark_report(
     folder: str | Path,
     suite: str,
     maps: Mapping[tuple[str, float], CaseErrorMaps] | None = None,
+    descriptions: Mapping[str, str] | None = None,
 ) -> Path:
-    """Write the HTML report of a benchmark."""
+    """Write the HTML report of a benchmark; ``descriptions``: those of the methods by label, see `describe_method`."""
     sections = [_section(found, case, words, suite) for case in found.cases]
     charts = {chart.name: {"data": chart.data, "layout": chart.layout} for one in sections for chart in one["charts"]}
     text = render_page(
@@ -149,6 +156,7 @@ def write_benchmark_report(
         "comparison.html.j2",
         charts,
         methods=list(zip(found.methods, map(shlex.join, words), strict=True)),
+        descriptions=descriptions or {},
         suite=suite,
         sections=sections,
         summary=_summary(found),
@@ -167,6 +175,23 @@ def write_benchmark_report(
     with write_atomically(path, overwrite=True) as partial:
         partial.write_text(text, encoding="utf-8")
     return path
+
+
+def describe_method(method: MethodLike) -> str:
+    """Return the first sentence of the docstring of a method, or of its settings; empty without any.
+
+    >>> describe_method("plane_sweep")
+    'Depth by plane sweep: census costs of all cameras with semi-global aggregation.'
+    >>> def wall(recording):
+    ...     "A wall at 500 mm. It is exact for walls."
+    >>> describe_method(wall)
+    'A wall at 500 mm.'
+    """
+    found = find_method(read_method(method).method)
+    documented = [found.function] if isinstance(found, FunctionMethod) else [type(found), found.settings]
+    text = next((one.__doc__ for one in documented if one.__doc__), "")
+    first = " ".join(inspect.cleandoc(text).partition("\n\n")[0].split())
+    return re.split(r"(?<=\.) ", first, maxsplit=1)[0]
 
 
 def describe_margins(found: BenchmarkResult) -> dict[str, list[tuple[str, str]]]:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from scenetruth.benchmark.benchmark_report import write_benchmark_report
+from scenetruth.benchmark.benchmark_report import describe_method, write_benchmark_report
 from scenetruth.benchmark.benchmark_result import BenchmarkResult
 from scenetruth.benchmark.benchmark_tasks import BenchmarkTask, list_design_points, measure_point, read_point_result
 from scenetruth.benchmark.cases.case import SUITES, BenchmarkRecord, Case, all_cases, select_cases
@@ -198,7 +198,8 @@ def compare(
                 if (one := read_error_maps(job.path(number).with_suffix(".npz"))) is not None
                 for value in point.values
             }
-            write_benchmark_report(found, [one.words for one in contestants], place, suite, maps)
+            described = {one.label: describe_method(one) for one in contestants}
+            write_benchmark_report(found, [one.words for one in contestants], place, suite, maps, described)
     return found
 
 

@@ -577,11 +577,16 @@ MaxTasksPerWorker = Annotated[
 
 Extend = Annotated[bool, flag("--extend", help="Permission for more samples than an existing data set has.")]
 
-CardDate = Annotated[str, option("--date", metavar="DATE", help="Date of publication, for example 2026-11-23.")]
+CardDate = Annotated[
+    str,
+    option("--date", metavar="DATE", help="Date of publication, for example 2026-11-23; default: that of the recipe."),
+]
 
 CardVersion = Annotated[str, typer.Option("--version", metavar="VERSION", help="Version of the data set.")]
 
-CardUrl = Annotated[str, option("--url", metavar="URL", help="Address of the published data set.")]
+CardUrl = Annotated[
+    str, option("--url", metavar="URL", help="Address of the published data set; default: that of the recipe.")
+]
 
 TruthMaps = Annotated[
     list[str] | None, repeatable("--map", "NAME", "Map of the ground truth; default: depth and velocity.")

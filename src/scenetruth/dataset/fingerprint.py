@@ -39,7 +39,10 @@ __all__ = [
     "refuse_changed_files",
 ]
 
-_WORDS = ("name", "description", "licence", "citation", "creators", "format", "samples", "set", "folder")
+_WORDS = (
+    *("name", "description", "licence", "citation", "creators", "published", "address"),
+    *("format", "samples", "set", "folder"),
+)
 """Fields without effect on samples: descriptions and counts; shared settings are part of the base scenes, and files are
 hashed by content."""
 _STORED = ("description", "estimate", "score", "storage")

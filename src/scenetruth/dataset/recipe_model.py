@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from datetime import date
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
@@ -14,7 +16,7 @@ from scenetruth.discovery import discriminated_union
 from scenetruth.input_files import SceneFile
 from scenetruth.validated_model import FrozenModel, Name, Positive
 
-__all__ = ["PATH_PATTERN", "BaseScene", "RecipeModel", "TruthSettings"]
+__all__ = ["PATH_PATTERN", "BaseScene", "RecipeModel", "TruthSettings", "is_address", "is_day"]
 
 
 def _formula(value: Any) -> Any:
@@ -82,6 +84,23 @@ def _one_line(value: str) -> str:
 _Line = Annotated[str, Field(max_length=1000), AfterValidator(_one_line)]
 
 
+def is_day(text: str) -> bool:
+    """Return whether a text is a date such as 2026-11-23."""
+    try:
+        return date.fromisoformat(text).isoformat() == text
+    except ValueError:
+        return False
+
+
+def is_address(text: str) -> bool:
+    """Return whether a text is an address of the web."""
+    try:
+        parts = urlsplit(text)
+    except ValueError:
+        return False
+    return parts.scheme in ("http", "https") and bool(parts.netloc) and text.isprintable() and " " not in text
+
+
 class RecipeModel(FrozenModel):
     """Specification of a data set."""
 
@@ -94,9 +113,13 @@ class RecipeModel(FrozenModel):
     licence: _Line = ""
     """Licence: an SPDX identifier such as CC-BY-4.0, or a URL."""
     citation: Annotated[str, Field(max_length=10_000)] = ""
-    """Citation."""
+    """Citation; default: creators, name, version, date and address."""
     creators: tuple[_Line, ...] = ()
     """Creators."""
+    published: _Line = ""
+    """Date of publication in quotes, such as '2026-11-23'."""
+    address: _Line = ""
+    """Address of the published data set: a URL."""
     base: Annotated[tuple[BaseScene, ...], Field(min_length=1, json_schema_extra=_also_alone)]
     """One or several base scenes, from which samples are derived."""
     set: dict[FieldPath, Any] = Field(default_factory=dict)
@@ -155,6 +178,22 @@ class RecipeModel(FrozenModel):
             msg = f"is both set and varied: {', '.join(both)}"
             raise ValueError(msg)
         return self
+
+    @field_validator("published")
+    @classmethod
+    def _day(cls, value: str) -> str:
+        if value and not is_day(value):
+            msg = "must be a date, such as 2026-11-23"
+            raise ValueError(msg)
+        return value
+
+    @field_validator("address")
+    @classmethod
+    def _url(cls, value: str) -> str:
+        if value and not is_address(value):
+            msg = "must be an address that begins with https:// or http://"
+            raise ValueError(msg)
+        return value
 
     @property
     def steps(self) -> int:

@@ -127,12 +127,13 @@ class RefinedSettings(MethodSettings):
     and planes of neighbouring surfaces in holes, with standard deviations; ``plane_sweep``, those of the plane sweep
     near texture only, without standard deviations; or none."""
     max_motion_px: Annotated[float, Field(gt=0, le=16, allow_inf_nan=False)] | None = None
-    """Prior: largest image motion in px per frame. The motion search is limited to it, and of several motions that fit
-    the images equally well, as on repetitive textures, only those within it count. Default: none."""
+    """Largest image motion in px per frame, as a prior. The motion search is limited to it, and of several motions that
+    fit the images equally well, as on repetitive textures, only those within it count. Default: none."""
     max_iterations: Annotated[int, Field(ge=2, le=50)] = 10
     """Largest number of iterations: the images are warped, and the fit is repeated."""
     tolerance_px: Annotated[float, Field(gt=0, le=1)] = 1e-3
-    """Convergence: iterations end when 90 % of the pixels change by less than this in the image of largest change."""
+    """Limit of convergence in px: iterations end when 90 % of the pixels change by less than this, in the image of
+    largest change."""
     max_residual_ratio: Annotated[float, Field(gt=1, le=100)] = 1.5
     """Largest valid ratio of the residual to the image noise. The limit is at least the residual that a texture shift
     of 0.25 px would cause; above it, a single surface with a single motion does not explain the images."""

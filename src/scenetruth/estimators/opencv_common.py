@@ -102,7 +102,7 @@ class StereoSettings(MethodSettings):
     """Settings of the OpenCV stereo matching of a rectified pair."""
 
     stereo: Literal["sgbm", "bm"] = "sgbm"
-    """``sgbm``: semi-global block matching; ``bm``: local block matching."""
+    """Stereo matching: ``sgbm``, semi-global block matching; ``bm``, local block matching."""
     camera: Annotated[int, Field(ge=-1001, le=1001)] | None = None
     """Position s that is matched with the reference s = 0; null: the nearest, of two equally near the right one."""
     min_disparity_px: Annotated[int, Field(ge=0, le=32768)] | Literal["auto"] = "auto"
@@ -126,7 +126,7 @@ class FlowSettings(MethodSettings):
     """Settings of the OpenCV optical flow between consecutive frames."""
 
     flow: Literal["farneback", "dis"] = "farneback"
-    """``farneback``: polynomial expansion; ``dis``: dense inverse search (medium preset)."""
+    """Optical flow: ``farneback``, polynomial expansion; ``dis``, dense inverse search (medium preset)."""
     flow_window_px: Annotated[int, Field(ge=3, le=1001)] = 25
     """Side length of Farnebäck's window in px."""
     flow_levels: Annotated[int, Field(ge=1, le=10)] = 3

@@ -32,7 +32,7 @@ from scenetruth.strain.strain_tensors import (
     principal_strain,
 )
 from scenetruth.strain.tracking import track_displacements
-from scenetruth.strain.window_fit import FitWindow, correlation_factor, fit_derivatives
+from scenetruth.strain.window_fit import FitWindow, fit_derivatives
 
 __all__ = ["STRAIN_NONE", "STRAIN_NO_ESTIMATE", "STRAIN_WINDOW", "compute_strain", "reference_view"]
 
@@ -336,7 +336,8 @@ class _Frame:
         modes = None if variances is None or common is None else self._modes(common, now)
         fields = [points, moved] + ([] if modes is None else [modes.reshape(-1, *moved.shape[1:])])
         known = self._segments >= 0
-        fit = fit_derivatives(np.where(known, np.concatenate(fields), 0.0), self._segments, window, variances)
+        filled = np.where(known, np.concatenate(fields), 0.0)
+        fit = fit_derivatives(filled, self._segments, window, variances, correlation_px)
         valid = fit.fitted
         some = SurfaceStrain(fit.values[:, :3, valid], fit.values[:, 3:6, valid], self._chosen.measure, self._steady)
         strain = some.values()
@@ -344,7 +345,7 @@ class _Frame:
         columns = dict(zip(COMPONENTS_OF_STRAIN, strain, strict=True))
         columns |= dict(zip(PRINCIPAL, (principal.larger, principal.smaller, principal.angle), strict=True))
         if variances is not None:
-            covariance = self._covariance(some, fit.covariances[..., valid], window, correlation_px, valid)
+            covariance = self._covariance(some, fit.covariances[..., valid], valid)
             if modes is not None:
                 shared = self._common(some, fit.values[:, 6:, valid], len(modes))
                 columns |= _stds(strain, shared, "_std_common")
@@ -368,13 +369,8 @@ class _Frame:
         points = self._points[self._lattice][:, valid]
         return np.asarray(points / points[2])
 
-    def _covariance(
-        self, some: SurfaceStrain, covariances: Map, window: FitWindow, correlation_px: float, valid: Mask
-    ) -> Map:
-        """Return the covariance of strain (xx, yy, xy) by independent errors of all points, shape (3, 3, n)."""
-        across, down = correlation_factor(window, correlation_px)
-        scale = np.array([[across, math.sqrt(across * down)], [math.sqrt(across * down), down]])
-        spread = scale[:, :, None, None] * covariances
+    def _covariance(self, some: SurfaceStrain, spread: Map, valid: Mask) -> Map:
+        """Return the covariance of strain (xx, yy, xy) by the errors of all points, shape (3, 3, n)."""
         by_moved, by_depth = some.sensitivities(), some.slope_sensitivities(self._rays(valid))
         found = np.einsum("micn,ijcn,kjcn->mkn", by_moved, spread[:, :, :3], by_moved, optimize=True)
         found = found + np.einsum("min,ijn,kjn->mkn", by_depth, spread[:, :, 3], by_depth, optimize=True)

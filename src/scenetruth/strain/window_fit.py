@@ -69,12 +69,18 @@ class WindowDerivatives:
 
 
 def fit_derivatives(
-    fields: Map, segments: NDArray[np.int32], window: FitWindow, variances: Map | None = None
+    fields: Map,
+    segments: NDArray[np.int32],
+    window: FitWindow,
+    variances: Map | None = None,
+    correlation_px: float = 0.0,
 ) -> WindowDerivatives:
     """Fit polynomials to fields around every point; a window uses only the segment of its centre.
 
     ``fields``: Values, shape (field, y, x). ``segments``: Label of every point, negative where it is not used.
-    ``variances``: Variances of independent errors, shape (map, y, x); default: none.
+    ``variances``: Variances of errors, shape (map, y, x); default: none. ``correlation_px``: The errors have the
+      correlation exp(-r²/4σ²) at the distance r, as those of results in overlapping Gaussian windows of this standard
+      deviation σ; 0 for independent errors.
     """
     given = np.zeros((0, *segments.shape)) if variances is None else variances
     values = np.full((2, *fields.shape), np.nan)
@@ -93,7 +99,7 @@ def fit_derivatives(
             among &= part
             some = np.where(part, fields[:, rows, box[1]], 0.0)
             noise = np.where(part, given[:, rows, box[1]], 0.0)
-            usable, derivatives, spread = _fit(some, noise, part, among, window)
+            usable, derivatives, spread = _fit(some, noise, part, among, window, correlation_px)
             here = np.zeros_like(part)
             here[among] = usable
             fitted[rows, box[1]] |= here
@@ -111,7 +117,9 @@ def _row_bands(shape: tuple[int, ...], reach: int) -> Iterator[tuple[slice, slic
         yield slice(first, last), slice(max(first - reach, 0), min(last + reach, height))
 
 
-def _fit(fields: Map, variances: Map, part: Mask, among: Mask, window: FitWindow) -> tuple[Mask, Map, Map]:
+def _fit(
+    fields: Map, variances: Map, part: Mask, among: Mask, window: FitWindow, correlation_px: float
+) -> tuple[Mask, Map, Map]:
     """Return which points ``among`` a part are fitted, and their derivatives (2, field, n) and covariances."""
     terms = _EXPONENTS[window.order]
     plain, squared = window.kernels(1), window.kernels(2)
@@ -133,7 +141,53 @@ def _fit(fields: Map, variances: Map, part: Mask, among: Mask, window: FitWindow
             for m, (c, d) in enumerate(terms):
                 both = np.einsum("ni,nj->ijn", solved[:, k], solved[:, m])
                 spread += both[:, :, None] * noise[a + c, b + d][:, usable]
+    if len(variances) and correlation_px > 0:
+        factors = np.array(correlation_factor(window, correlation_px))
+        spread *= np.sqrt(factors[:, None] * factors)[:, :, None, None]
+        cut = moments[0, 0][0][usable] < 1 - _ROUNDING
+        centres = np.argwhere(among)[usable][cut]
+        spread[..., cut] = _spread_of_cut_windows(variances, centres, solved[cut], window, correlation_px)
     return usable, derivatives, spread
+
+
+def _spread_of_cut_windows(
+    variances: Map, centres: NDArray[np.int64], solved: Map, window: FitWindow, correlation_px: float
+) -> Map:
+    """Return the covariances (2, 2, map, n) of derivatives in incomplete windows by correlated errors.
+
+    The correlation along each axis is a sum of eigenvectors φ with eigenvalues λ, so that a weighted sum
+    of errors has the variance Σ λ_k λ_l (Σ φ_k(y) φ_l(x) weight(y, x) s(y, x))².
+    """
+    found = np.zeros((2, 2, len(variances), len(centres)))
+    reach, kernels = window.reach, window.kernels(1)
+    sides = [(0, 0), (reach, reach), (reach, reach)]
+    around = np.lib.stride_tricks.sliding_window_view(
+        np.pad(np.sqrt(variances), sides), (2 * reach + 1, 2 * reach + 1), axis=(1, 2)
+    )
+    (of_rows, rows), (of_columns, columns) = (
+        _modes(len(window.weights), each, correlation_px) for each in window.spacing_px
+    )
+    down, along = ([rows * kernel for kernel in kernels], [columns * kernel for kernel in kernels])
+    for n in range(0, len(centres), _CUT_TOGETHER):
+        some = slice(n, n + _CUT_TOGETHER)
+        std = around[:, centres[some, 0], centres[some, 1]]
+        sums = np.zeros((2, *std.shape[:2], len(of_rows), len(of_columns)))
+        for k, (a, b) in enumerate(_EXPONENTS[window.order]):
+            sums += solved[some, k].T[:, None, :, None, None] * (down[b] @ std @ along[a].T)
+        found[..., some] = np.einsum("ikncd,jkncd,c,d->ijkn", sums, sums, of_rows, of_columns, optimize=True)
+    return found
+
+
+_CUT_TOGETHER = 500
+_LEAST_MODE = 1e-10
+
+
+def _modes(count: int, spacing_px: float, correlation_px: float) -> tuple[Map, Map]:
+    """Return eigenvalues (k) and eigenvectors (k, point) of the correlation of points in a row."""
+    index = spacing_px * np.arange(count)
+    values, vectors = np.linalg.eigh(np.exp(-((index[:, None] - index) ** 2) / (4 * correlation_px**2)))
+    kept = values > _LEAST_MODE * values[-1]
+    return values[kept], vectors[:, kept].T
 
 
 _ROUNDING = 1e-12
@@ -152,8 +206,7 @@ def _moments(values: Map, kernels: list[Map], order: int, among: Mask) -> dict[t
 def correlation_factor(window: FitWindow, sigma_px: float) -> tuple[float, float]:
     """Return the ratio of the variances of derivatives by x and y with correlated and with independent errors.
 
-    The errors have the correlation exp(-r²/4σ²) at the distance r, as those of results in overlapping Gaussian windows
-    of the standard deviation σ. The ratio is that of complete windows.
+    The ratio is that of complete windows.
     """
     if sigma_px == 0:
         return 1.0, 1.0

@@ -18,7 +18,7 @@ from scenetruth.dataset.catalogue import read_catalogue
 from scenetruth.dataset.checksums import list_path, write_checksums
 from scenetruth.dataset.fingerprint import DatasetFingerprint, open_sampler, read_fingerprint
 from scenetruth.dataset.layout import DatasetFolder
-from scenetruth.dataset.pages.croissant import VALUE, Publication, build_croissant
+from scenetruth.dataset.pages.croissant import VALUE, Publication, build_croissant, cite
 from scenetruth.dataset.pages.figures import (
     MOST_CHARTS,
     ON_A_SHEET,
@@ -259,7 +259,7 @@ def merge_numbers(texts: Collection[str]) -> str:
 def _notices(sampler: Sampler) -> list[str]:
     recipe = sampler.recipe
     found = [] if recipe.licence else ["No licence is specified: a data set without a licence may not be used."]
-    return found if recipe.citation else [*found, "No citation is specified."]
+    return found
 
 
 def _origin(sampler: Sampler, identity: DatasetFingerprint) -> list[tuple[str, str]]:
@@ -291,7 +291,8 @@ def write_card(
     dataset
         Directory of a complete data set.
     version, date, url
-        Version, date of publication (``YYYY-MM-DD``) and address of the published data set; empty if unpublished.
+        Version, date of publication (``YYYY-MM-DD``) and address of the published data set; default: those of the
+        recipe.
     overwrite
         Whether an existing card may be replaced.
     progress
@@ -344,7 +345,8 @@ def write_card(
     for target, claim in targets.items():
         check_output(target, overwrite=overwrite, claim=claim)
     table = read_catalogue(places, sampler)
-    published = Publication(version, date, url)
+    recipe = sampler.recipe
+    published = Publication(version, date or recipe.published, url or recipe.address)
     with ExitStack() as stack:
         # Files are moved into place when all are complete, the page after its figures.
         asides = [
@@ -354,7 +356,7 @@ def write_card(
         croissant, text, page, pictures = asides
         pictures.mkdir()
         contents = build_card_contents(places, sampler, identity, table, pictures, progress)
-        contents |= {"published": published, "pictures": places.card_pictures.name}
+        contents |= {"published": published, "citation": cite(recipe, published), "pictures": places.card_pictures.name}
         page.write_text(render_html("card.html.j2", **contents), encoding="utf-8")
         text.write_text(render_markdown("card.md.j2", **contents), encoding="utf-8")
         metadata = build_croissant(places, sampler, table, published)

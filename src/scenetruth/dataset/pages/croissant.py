@@ -5,13 +5,12 @@ from __future__ import annotations
 import hashlib
 import re
 from dataclasses import dataclass
-from datetime import date as day
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import urlsplit
 
 from scenetruth.dataset.layout import RECORDING, SAMPLE, SCENE, TRUTH, DatasetFolder
 from scenetruth.dataset.pages.page_text import format_label, format_title
+from scenetruth.dataset.recipe_model import RecipeModel, is_address, is_day
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.dataset.samples import STATISTICS
 from scenetruth.errors import Problem, RecipeError
@@ -19,7 +18,7 @@ from scenetruth.errors import Problem, RecipeError
 if TYPE_CHECKING:
     import pyarrow
 
-__all__ = ["VALUE", "Publication", "build_croissant", "describe_column"]
+__all__ = ["VALUE", "Publication", "build_croissant", "cite", "describe_column"]
 
 
 @dataclass(frozen=True)
@@ -34,27 +33,23 @@ class Publication:
         problems = []
         if not re.fullmatch(r"[0-9]+\.[0-9]+\.[0-9]+", self.version):
             problems.append(Problem("version", "must be three numbers separated by dots, such as 1.0.0", self.version))
-        if self.date and not _is_day(self.date):
+        if self.date and not is_day(self.date):
             problems.append(Problem("published", "must be a date, such as 2026-11-23", self.date))
-        if self.url and not _is_address(self.url):
+        if self.url and not is_address(self.url):
             problems.append(Problem("url", "must be an address that begins with https:// or http://", self.url))
         if problems:
             raise RecipeError(problems)
 
 
-def _is_day(text: str) -> bool:
-    try:
-        return day.fromisoformat(text).isoformat() == text
-    except ValueError:
-        return False
-
-
-def _is_address(text: str) -> bool:
-    try:
-        parts = urlsplit(text)
-    except ValueError:
-        return False
-    return parts.scheme in ("http", "https") and bool(parts.netloc) and text.isprintable() and " " not in text
+def cite(recipe: RecipeModel, publication: Publication) -> str:
+    """Return the citation of a recipe; without one, its creators, name, version, date and address."""
+    if recipe.citation:
+        return recipe.citation
+    by = f"{', '.join(recipe.creators)}: " if recipe.creators else ""
+    issued = "".join(f", {text}" for text in (f"version {publication.version}", publication.date) if text)
+    return (
+        f"{by}{recipe.name}{issued}. Data set generated with scenetruth.{f' {publication.url}' * bool(publication.url)}"
+    )
 
 
 VALUE = "value."
@@ -163,7 +158,7 @@ def build_croissant(
         "name": recipe.name,
         "description": recipe.description or f"{recipe.count} rendered scenes with exact depth and 3D motion.",
         "license": recipe.licence,
-        "citeAs": recipe.citation,
+        "citeAs": cite(recipe, publication),
         "creator": [{"@type": "sc:Person", "name": name} for name in recipe.creators],
         "version": publication.version,
         "datePublished": publication.date,

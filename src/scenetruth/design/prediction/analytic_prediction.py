@@ -47,6 +47,8 @@ _FINE_PX, _MUCH_FINE = 3.0, 0.35
 _LEAST_RATIO, _LEAST_ALONG = 0.015, 1.5e-3
 _SOME = 0.2  # smallest share of an object that is reported
 _FEW_IMAGES = 4
+_WINDOW_SIGMAS, _MUCH_BORDER = 2.0, 0.2
+"""Half width of a window in standard deviations; share of points near borders of images from which a note says so."""
 _MOST_BLUR, _RESTS_PX = 0.95, 1e-6  # evaluated over moving points only: a static background is not blurred
 
 
@@ -134,6 +136,7 @@ def predict_with_highlights(
         *_notes(scene, look, method, unknown, painting=painting),
         *_too_fine(look, seen),
         *(_describe_invalid_windows(setup, scene, look, seen) if method == "refined" else ()),
+        *(_describe_borders(setup, scene, look) if method == "refined" else ()),
         *_describe_eigenvalue_bias(deviations, look, interval),
     )
     shares = _compute_bias_shares(deviations, regions, look.share)
@@ -336,6 +339,27 @@ def _describe_invalid_windows(
         yield (
             f"{len(setup.views.t)} images determine a window: a few false matches remain valid, which are not included "
             "(the RMSE may be ten times the prediction, the median error is not affected)"
+        )
+
+
+def _describe_borders(setup: MethodSetup, scene: Scene, look: SurfaceSamples) -> Iterator[str]:
+    """Yield a note on objects with many points at borders of images, where windows are cut and images are missing."""
+    reach = _WINDOW_SIGMAS * setup.window_sigma_px
+    x0, y0 = scene.camera.principal_point
+    whole = np.ones(len(look), dtype=np.bool_)
+    for s, s_y, t in zip(setup.views.s, setup.views.s_y, setup.views.t, strict=True):
+        place = look.points.place(float(s), float(s_y), float(t))
+        for values, middle, size in ((place.x, x0, scene.camera.width), (place.y, y0, scene.camera.height)):
+            whole &= (values + middle >= reach) & (values + middle <= size - 1 - reach)
+    cut = []
+    for number in np.unique(look.body).tolist():
+        own = look.body == number
+        share = float(look.share[own & ~whole].sum() / look.share[own].sum())
+        cut += [f"{100 * share:.0f} % of {look.names[number]}"] if share > _MUCH_BORDER else []
+    if cut:
+        yield (
+            f"within {reach:g} px of the border of an image, or outside of it, errors are up to four times the "
+            f"prediction, which is a median: {_listed(cut)}"
         )
 
 

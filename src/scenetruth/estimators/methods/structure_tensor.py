@@ -18,6 +18,8 @@ __all__ = []
 
 
 class _StructureTensor(StreamingMethod):
+    """Disparity, depth and 3D motion of every pixel from the derivatives of all images, by one 4D structure tensor."""
+
     name = "structure_tensor"
     settings = StructureTensorSettings
     gives = frozenset({"depth", "disparity", "flow", "velocity"})

@@ -20,16 +20,20 @@ from scenetruth.scoring.report.report_content import (
     describe_invalidity,
     describe_maps,
     describe_noise,
+    describe_parts,
     state_result,
     summarise_estimate,
     summarise_score,
 )
 from scenetruth.scoring.report.score_report import matches_fingerprint, write_report
+from scenetruth.scoring.report.setting_rows import describe_settings, name_setting
+from scenetruth.scoring.report.surface_rows import describe_surfaces
 from scenetruth.scoring.report.viewer import Viewer, build_viewer
 
 __all__ = [
     "LEVELS", "RELATIVE_ROUNDING", "HotspotPicture", "PackedMap", "Viewer", "build_score_content", "build_viewer",
-    "describe_invalidity", "describe_maps", "describe_noise", "draw_hotspot", "draw_hotspot_map",
-    "matches_fingerprint", "pack_map", "pack_viewer_images", "show_errors", "state_result", "stretch_grey",
-    "summarise_estimate", "summarise_score", "unpack_map", "write_report",
+    "describe_invalidity", "describe_maps", "describe_noise", "describe_parts", "describe_settings",
+    "describe_surfaces", "draw_hotspot", "draw_hotspot_map", "matches_fingerprint", "name_setting", "pack_map",
+    "pack_viewer_images", "show_errors", "state_result", "stretch_grey", "summarise_estimate", "summarise_score",
+    "unpack_map", "write_report",
 ]  # fmt: skip

@@ -50,7 +50,9 @@ __all__ = [
     "describe_invalidity",
     "describe_maps",
     "describe_noise",
+    "describe_parts",
     "interior_share",
+    "main_summaries",
     "state_result",
     "summarise_estimate",
     "summarise_score",
@@ -260,18 +262,32 @@ class MapSummary:
 
 def describe_maps(estimate: xr.Dataset) -> dict[str, MapSummary]:
     """Return the summaries of the valid scalar quantities of an estimate; missing growth is computed in windows."""
+    return describe_parts(estimate, {"": np.ones((1, 1), dtype=np.bool_)})[""]
+
+
+def describe_parts(estimate: xr.Dataset, parts: Mapping[str, NDArray[np.bool_]]) -> dict[str, dict[str, MapSummary]]:
+    """Return the summaries of an estimate for several parts of the image, in one pass; ``parts``: masks by name."""
     check_estimate(estimate)
     single = count_blocks(estimate) == 1
-    found: dict[str, _Values] = {}
-    for part in iterate_blocks(estimate):
-        for name in list_quantities(part):
-            full = find_valid_pixels(part, QUANTITIES[name].variable)
-            values = np.where(full, read_quantity(part, name), np.nan)
-            stated = read_std(part, name), read_common_std(part, name)
-            found.setdefault(name, _Values(single=single)).add(values, *stated)
-        if "growth_rate" not in part and {"depth", "velocity"} <= set(part):
-            growth = percent_per_hour(read_intrinsics(part)) * compute_growth_rate(part).values
-            found.setdefault("growth_rate", _Values(single=single)).add(growth, None, None)
+    found: dict[str, dict[str, _Values]] = {name: {} for name in parts}
+
+    def add(name: str, values: Map, std: Map | None = None, common: Map | None = None) -> None:
+        for part, mask in parts.items():
+            inside = np.broadcast_to(mask, values.shape)
+            stated = [None if one is None else one[inside] for one in (std, common)]
+            found[part].setdefault(name, _Values(single=single)).add(values[inside], *stated)
+
+    for block in iterate_blocks(estimate):
+        for name in list_quantities(block):
+            full = find_valid_pixels(block, QUANTITIES[name].variable)
+            values = np.where(full, read_quantity(block, name), np.nan)
+            add(name, values, read_std(block, name), read_common_std(block, name))
+        if "growth_rate" not in block and {"depth", "velocity"} <= set(block):
+            add("growth_rate", percent_per_hour(read_intrinsics(block)) * compute_growth_rate(block).values)
+    return {part: _summaries(values) for part, values in found.items()}
+
+
+def _summaries(found: Mapping[str, _Values]) -> dict[str, MapSummary]:
     summaries = {name: values.summary(get_title(name), get_units(name)) for name, values in found.items()}
     return {name: item for name, item in summaries.items() if name != "growth_rate" or item.count}
 
@@ -439,7 +455,7 @@ def summarise_estimate(summaries: Mapping[str, MapSummary]) -> list[SummarySente
     Growth is omitted if its standard deviation is unknown.
     """
     found = []
-    for entries in _main_summaries(summaries):
+    for entries in main_summaries(summaries):
         bar = ""
         if entries.median_std is not None:
             bar = f", with a median stated standard deviation of {format_number(entries.median_std, 2)} {entries.units}"
@@ -457,7 +473,7 @@ def summarise_estimate(summaries: Mapping[str, MapSummary]) -> list[SummarySente
 
 def describe_noise(summaries: Mapping[str, MapSummary]) -> dict[str, Any]:
     """Return the medians with the standard deviation of a pixel, and a sentence on those that it exceeds."""
-    found = _main_summaries(summaries)
+    found = main_summaries(summaries)
     medians = []
     for entries in found:
         std = entries.median_std
@@ -480,7 +496,7 @@ def _hidden_by_noise(titles: Sequence[str]) -> str:
     return f"The medians of {_join(titles)} are" if len(titles) > 1 else f"The median of {titles[0]} is"
 
 
-def _main_summaries(summaries: Mapping[str, MapSummary]) -> list[MapSummary]:
+def main_summaries(summaries: Mapping[str, MapSummary]) -> list[MapSummary]:
     """Return depth, motion and growth, as available; growth with its standard deviation only."""
     found = []
     for names in (("depth", "disparity"), ("velocity_z", "flow_x"), ("growth_rate",)):

@@ -7,6 +7,7 @@ import io
 import json
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Future
+from contextlib import suppress
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,8 @@ from scenetruth.scoring.report.report_content import (
     summarise_estimate,
     summarise_score,
 )
+from scenetruth.scoring.report.setting_rows import describe_settings
+from scenetruth.scoring.report.surface_rows import describe_surfaces
 from scenetruth.scoring.report.viewer import Viewer, build_viewer, json_for_script, packed_plotly, viewer_script
 from scenetruth.scoring.score_result import Score
 from scenetruth.scoring.scorer import score as evaluate
@@ -49,7 +52,7 @@ _SCREEN_SCALE = 0.6
 """CSS pixels per pixel of a figure."""
 _HEAD = 2000
 """Number of characters at the beginning of a page that contain the fingerprint."""
-_SHOWN_ELSEWHERE = ("warnings", "score_settings")
+_SHOWN_ELSEWHERE = ("warnings", "score_settings", "estimate_settings")
 _PROVENANCE = {
     "frames": "scored frames t",
     "margin_px": "margin of the interior [px]",
@@ -246,6 +249,7 @@ def _render(
         notices=list(_notices(metadata)),
         figures=[(figure, *inline_picture(folder / figure.file)) for figure in figures],
         practice=practice,
+        settings_table=describe_settings(method, _settings_of(estimate, score)),
         metadata=list(_metadata_rows(recording, estimate, score)),
         scene=None if scene is None else json.dumps(scene, indent=2, ensure_ascii=False),
         viewer_data=json_for_script(viewer.plain),
@@ -270,7 +274,8 @@ def _content_without_truth(estimate: xr.Dataset) -> dict[str, Any]:
     sentences = summarise_estimate(found)
     # The table has the others.
     cards = [one for one in found.values() if one.title in {each.title for each in sentences}]
-    return {"rows": list(found.values()), "cards": cards, "sentences": sentences, "noise": describe_noise(found)}
+    values = {"rows": list(found.values()), "cards": cards, "sentences": sentences, "noise": describe_noise(found)}
+    return {**values, "surfaces": describe_surfaces(estimate)}
 
 
 _PRACTICE_COLUMNS = ("group", "field", "value", "unit", "source")
@@ -307,6 +312,14 @@ def _merged(rows: Sequence[dict[str, Any]]) -> Iterator[dict[str, Any]]:
 def _notices(metadata: Mapping[str, Any]) -> Iterator[str]:
     warnings = metadata.get("warnings") or []
     yield from ([warnings] if isinstance(warnings, str) else map(str, warnings))
+
+
+def _settings_of(estimate: xr.Dataset, score: Score | None) -> dict[str, Any]:
+    """Return the settings of the method, which the metadata of the score, else the estimate, state."""
+    stated = (score.metadata if score else {}).get("estimate_settings") or estimate.attrs.get("settings") or {}
+    with suppress(ValueError):
+        stated = json.loads(stated) if isinstance(stated, str) else stated
+    return dict(stated) if isinstance(stated, Mapping) else {}
 
 
 def _metadata_rows(recording: xr.Dataset, estimate: xr.Dataset, score: Score | None) -> Iterator[tuple[str, str]]:
