@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -162,3 +163,16 @@ def test_disparities_within_two_pixels_are_no_problem() -> None:
     product = scene.camera.focal_px * scene.stage.baseline_mm
     report = describe_scene(scene, build_scene(scene), np.array([[product / 19, product / 22]]))
     assert not any("derivative" in message for message in report.warnings)
+
+
+@pytest.mark.parametrize(("wavelength_mm", "warned"), [(2.0, False), (1.96, True)])
+def test_textures_finer_than_two_pixels_are_warned_of(wavelength_mm: float, warned: bool) -> None:
+    """At a focal length of 400 px and a distance of 400.2 mm, 2 mm are 1.999 px, which is printed as 2.00."""
+    item = {"name": "card", "mesh": {"kind": "plane", "size_mm": [60, 40]}, "pose": {"position_mm": [0, 0, 400.2]}}
+    item["texture"] = {"kind": "noise", "wavelength_mm": [wavelength_mm, 8.0]}
+    camera = {"width": 64, "height": 48, "focal_length_px": 400}
+    scene = cube(camera=camera, objects=[item], frames={"count": 1})
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        check_scene(scene, build_scene(scene))
+    assert any("finer than 2 px" in str(each.message) for each in found) == warned
