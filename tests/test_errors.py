@@ -7,9 +7,13 @@ import pickle
 import pytest
 
 from scenetruth.errors import (
+    ArgumentError,
     BackendUnavailableError,
+    EstimateError,
     OutputExistsError,
     Problem,
+    RecipeError,
+    RecordingError,
     SceneError,
     ScenetruthError,
     StoreError,
@@ -36,6 +40,12 @@ def test_all_problems_are_listed_with_path_and_value() -> None:
         "  - a.b: is missing",
         "  - c: must be positive (got -1)",
     ]
+
+
+@pytest.mark.parametrize("kind", [SceneError, RecipeError, EstimateError, ArgumentError, RecordingError])
+def test_an_error_has_at_least_one_problem(kind: type[SceneError]) -> None:
+    with pytest.raises(ValueError, match=f"^{kind.__name__} requires at least one problem$"):
+        kind([])
 
 
 def test_long_values_are_shortened() -> None:

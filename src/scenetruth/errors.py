@@ -140,6 +140,9 @@ class _ProblemListError(ScenetruthError):
 
     def __init__(self, problems: Sequence[Problem], source: str | Path | None = None) -> None:
         self.problems = tuple(problems)
+        if not self.problems:
+            msg = f"{type(self).__name__} requires at least one problem"
+            raise ValueError(msg)
         self.source = None if source is None else str(source)
         super().__init__(self.source, self.problems)
 

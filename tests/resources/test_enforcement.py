@@ -12,11 +12,12 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as some
 
 import scenetruth as st
-from scenetruth.resources import build_checked_scene, limited_objects, load_checked_scene
+from scenetruth.resources import build_checked_scene, enforcement, limited_objects, load_checked_scene
 from scenetruth.resources.cost_estimate import Forecast, StageForecast
 from scenetruth.resources.enforcement import machine_problems, refuse_resources
 from scenetruth.resources.limits import Limits
 from scenetruth.resources.system import Machine
+from scenetruth.resources.workload import list_object_workloads
 from scenetruth.scene.field_paths import assign
 from tests.helpers.scenes import bright_scene, cube
 
@@ -55,6 +56,29 @@ def test_where_nothing_can_be_written_is_told_and_not_as_lack_of_disk() -> None:
     assert "disk" not in str(caught.value)
     # A check writes nothing.
     assert paths(Machine(None, None, 2, unwritable="/proc")) == []
+
+
+def test_problems_of_a_file_that_is_mended_meanwhile_are_listed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first reading finds them; the second one, which collects those of all objects, does not."""
+    file = tmp_path / "sheet.obj"
+    file.write_text("v 0 0 0\n", encoding="utf-8")
+    mesh = {"kind": "file", "file": str(file)}
+    item = {"name": "sheet", "mesh": mesh, "pose": {"position_mm": [0, 0, 400]}, "texture": {"kind": "uniform"}}
+    scene = cube(objects=[item])
+    listed = list_object_workloads
+
+    def mended(*arguments: Any) -> Any:
+        found = listed(*arguments)
+        file.write_text("v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n", encoding="utf-8")
+        return found
+
+    monkeypatch.setattr(enforcement, "list_object_workloads", mended)
+    with pytest.raises(st.SceneError) as caught:
+        limited_objects(scene, Limits())
+    assert [problem.path for problem in caught.value.problems] == ["objects.0.mesh.file"]
+    assert limited_objects(scene, Limits())
 
 
 def test_a_run_is_refused_before_it_leaves_anything(tmp_path: Path) -> None:

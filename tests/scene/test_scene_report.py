@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +99,7 @@ def test_surfaces_that_send_out_more_light_than_they_receive_are_refused() -> No
         st.simulate("rosette", overrides=[*lit, "frames.count=1"])
     # One problem for all leaves of the plant, with the value that is possible.
     assert len(caught.value.problems) == 1
+
     possible = caught.value.problems[0].message.rsplit(" ", 1)[1]
     scene = st.load_scene("rosette", overrides=[*lit, f"plants.0.material.transmittance={possible}"])
     check_scene(scene, build_scene(scene))
@@ -228,3 +230,16 @@ def test_unseen_objects_without_shadow_on_seen_ones_are_errors(
     with pytest.raises(st.SceneError, match=rf"objects\.1\.pose\.position_mm: 'box' {message}") as caught:
         check_scene(scene, build_scene(scene))
     assert len(caught.value.problems) == 1
+
+
+@pytest.mark.parametrize(("wavelength_mm", "warned"), [(2.0, False), (1.96, True)])
+def test_textures_finer_than_two_pixels_are_warned_of(wavelength_mm: float, warned: bool) -> None:
+    """At a focal length of 400 px and a distance of 400.2 mm, 2 mm are 1.999 px, which is printed as 2.00."""
+    item = {"name": "card", "mesh": {"kind": "plane", "size_mm": [60, 40]}, "pose": {"position_mm": [0, 0, 400.2]}}
+    item["texture"] = {"kind": "noise", "wavelength_mm": [wavelength_mm, 8.0]}
+    camera = {"width": 64, "height": 48, "focal_length_px": 400}
+    scene = cube(camera=camera, objects=[item], frames={"count": 1})
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        check_scene(scene, build_scene(scene))
+    assert any("finer than 2 px" in str(each.message) for each in found) == warned

@@ -107,11 +107,14 @@ def _is_within(path: str, items: Collection[str]) -> bool:
 
 def limited_objects(scene: Scene, limits: Limits, folder: Path = Path()) -> list[ObjectWorkload]:
     """Return the objects of a scene with their workloads, or raise if the scene exceeds a limit."""
-    if not limit_problems(scene, limits):
+    found: list[Problem] = limit_problems(scene, limits)
+    if not found:
         parts, wrong = list_object_workloads(scene, folder)
-        if not wrong and not object_problems(parts, limits):
+        found = [*wrong, *object_problems(parts, limits)]
+        if not found:
             return parts
-    raise SceneError(find_problems(scene, limits, folder))
+    # Files may have changed since: the first problems are listed in any case.
+    raise SceneError(_joined(found, find_problems(scene, limits, folder)))
 
 
 def refuse_beyond_limits(scene: Scene, limits: Limits | None = None, folder: Path = Path()) -> None:

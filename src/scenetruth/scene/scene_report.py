@@ -278,6 +278,7 @@ def _is_inside(point: NDArray[np.float64], vertices: NDArray[np.float64], faces:
 
 
 _FINEST_PX = 2.0
+_SAME_PX = 0.005  # difference of wavelengths that have the same two decimals
 # A thousand kilometres: the resolution is 1e-7 mm in float64, and 64 mm in float32, which the ray search uses.
 _FARTHEST_MM = 1e9
 _BYTES_OF_TRUTH = 8 * (1 + 3 + 1 + 2 + 3 + 2 + 1 + 1) + 4 + 4 + 1 + 2 + 1 + 1
@@ -582,5 +583,5 @@ def _texture_warnings(reports: list[ObjectReport]) -> list[str]:
         f"objects: the texture of '{report.name}' has wavelengths down to {report.wavelength_px[0]:.2f} px; finer than "
         f"{_FINEST_PX:g} px it is aliased: use longer wavelengths or a longer focal length"
         for report in reports
-        if report.wavelength_px is not None and report.wavelength_px[0] < _FINEST_PX
+        if report.wavelength_px is not None and report.wavelength_px[0] < _FINEST_PX - _SAME_PX
     ]

@@ -229,3 +229,50 @@ def test_light_on_a_smooth_file_is_lamberts_to_second_order(tmp_path: Path, norm
     # Facets err at first order.
     assert 0.5 < np.log2(flat[0] / flat[-1]) / 2 < 1.3
     assert flat[-1] > 50 * worst[-1]
+
+
+@pytest.mark.parametrize("form", ["obj", "ply", "stl", "off"])
+def test_a_file_that_another_program_writes_is_read_when_it_is_whole(
+    form: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = ball(tmp_path / f"ball.{form}", 20.0, normals=False)
+    expected, content = load_mesh_file(file), file.read_bytes()
+    count = 0
+    read = Path.read_bytes
+
+    def changed(path: Path) -> bytes:
+        nonlocal count
+        count += 1
+        found = read(path)
+        if count <= most:
+            # The first half, as a writer leaves it in between.
+            path.write_bytes(content[: len(content) // 2 + count])
+            return read(path)
+        if found != content:
+            path.write_bytes(content)
+        return found
+
+    most = 1
+    monkeypatch.setattr(Path, "read_bytes", changed)
+    np.testing.assert_array_equal(load_mesh_file(file).vertices_mm, expected.vertices_mm)
+    assert count == 3
+    count, most = 0, 100
+    with pytest.raises(SceneError, match=r"changes while it is read: wait until .*\(got '.*ball") as caught:
+        load_mesh_file(file)
+    assert len(caught.value.problems) == 1
+
+
+def test_a_file_that_disappears_while_it_is_counted_is_a_problem(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = ball(tmp_path / "ball.obj", 20.0, normals=False)
+    opened = Path.open
+
+    def missing(path: Path, *args: Any, **keywords: Any) -> Any:
+        path.unlink(missing_ok=True)
+        return opened(path, *args, **keywords)
+
+    monkeypatch.setattr(Path, "open", missing)
+    mesh = st.Scene.from_dict(scene_with(file).to_dict()).objects[0].mesh
+    with pytest.raises(SceneError, match=r"no such mesh file"):
+        mesh.size(Path())

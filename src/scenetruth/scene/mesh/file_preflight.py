@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 from scenetruth.errors import Problem, SceneError
 from scenetruth.input_files import describe_missing, regular_file_size
@@ -16,6 +18,7 @@ __all__ = [
     "check_file_size",
     "count_elements",
     "read_checked_bytes",
+    "read_unchanged",
     "refuse_mesh_file",
 ]
 
@@ -29,6 +32,9 @@ MAX_TEXELS = 64_000_000
 """Maximum number of texels of an image (8000 x 8000), some hundred megabytes after decoding."""
 
 _HEADER = 65_536
+_ATTEMPTS = 3  # largest number of times that a file is read that other programs change
+
+_T = TypeVar("_T")
 
 
 def refuse_mesh_file(file: Path) -> None:
@@ -113,6 +119,34 @@ def check_file_size(file: Path, most: int, missing: str) -> int:
     if size > most:
         raise SceneError([Problem("file", f"has {size:,} bytes; the maximum is {most:,}", str(file))])
     return size
+
+
+def read_unchanged(file: Path, read: Callable[[Path], _T]) -> _T:
+    """Return the result of a function that reads a file, repeatedly if another program changes the file meanwhile."""
+    for _ in range(_ATTEMPTS):
+        before = _state(file)
+        failure: SceneError | None = None
+        try:
+            found = read(file)
+        except SceneError as error:
+            failure = error
+        except OSError as error:
+            failure = SceneError([Problem("file", f"cannot be read: {error.strerror}", str(file))])
+        if _state(file) == before:
+            if failure is not None:
+                raise failure
+            return found
+    message = "changes while it is read: wait until the program that writes it has finished"
+    raise SceneError([Problem("file", message, str(file))]) from failure
+
+
+def _state(file: Path) -> tuple[int, ...] | None:
+    """Return what changes with the content of a file; None for a missing file."""
+    try:
+        found = file.stat()
+    except (OSError, ValueError):
+        return None
+    return found.st_ino, found.st_size, found.st_mtime_ns
 
 
 def read_checked_bytes(file: Path) -> bytes:

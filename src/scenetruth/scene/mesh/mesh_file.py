@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,7 +15,7 @@ from scenetruth.errors import Problem, SceneError
 from scenetruth.input_files import InputFile
 from scenetruth.scene.mesh.appearance import MeshAppearance
 from scenetruth.scene.mesh.cutouts import weld
-from scenetruth.scene.mesh.file_preflight import count_elements, refuse_mesh_file
+from scenetruth.scene.mesh.file_preflight import count_elements, read_unchanged, refuse_mesh_file
 from scenetruth.scene.mesh.gltf_document import GltfDocument
 from scenetruth.scene.mesh.gltf_file import read_gltf
 from scenetruth.scene.mesh.mesh_model import (
@@ -83,8 +84,12 @@ class FileMesh(MeshModel):
 
     def size(self, folder: Path) -> MeshSize:
         """Return the approximate size without parsing the file, see `MeshModel`."""
-        refuse_mesh_file(folder / self.file)
-        return MeshSize(*count_elements(folder / self.file))
+
+        def count(file: Path) -> MeshSize:
+            refuse_mesh_file(file)
+            return MeshSize(*count_elements(file))
+
+        return read_unchanged(folder / self.file, count)
 
     def sketch(self, folder: Path, most_faces: int) -> TriangleMesh | None:
         """Return the mesh itself, or None for large files, see `MeshModel`."""
@@ -125,6 +130,10 @@ def list_referenced_files(file: Path) -> list[Path]:
 
 def load_mesh_file(file: Path, unit_mm: float = 1.0, crease_deg: float | None = None) -> TriangleMesh:
     """Load the polygons of a mesh file as triangles; the unit of the file is ``unit_mm``."""
+    return read_unchanged(file, partial(_load, unit_mm=unit_mm, crease_deg=crease_deg))
+
+
+def _load(file: Path, unit_mm: float, crease_deg: float | None) -> TriangleMesh:
     refuse_mesh_file(file)
     try:
         mesh = _READERS[file.suffix.lower()](file)
