@@ -7,14 +7,16 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
-from numba.core import event
+from llvmlite.binding import ffi
+from numba.core import event, types
 from numba.core.caching import FunctionCache
 from numba.core.runtime import rtsys
 
-__all__ = ["inlined", "kernel"]
+__all__ = ["inlined", "kernel", "subkernel"]
 
-# Compiled code does not hold the interpreter lock, and is not called from C.
-_COMMON: dict[str, Any] = {"nogil": True, "no_cfunc_wrapper": True}
+# Compiled code does not hold the interpreter lock, and is not called from C; divisions follow IEEE 754, as in NumPy.
+# Functions of numba such as `min` are compiled anew for every combination of options of the kernels that call them.
+_COMMON: dict[str, Any] = {"nogil": True, "no_cfunc_wrapper": True, "error_model": "numpy"}
 
 
 class _KernelCache(FunctionCache):  # type: ignore[misc]
@@ -39,13 +41,40 @@ def kernel(*, cache: bool = True, **options: Any) -> Callable[[Callable[..., Any
             dispatcher._cache = _KernelCache(function)
         # Packages that extend numba are searched when a kernel is compiled.
         dispatcher._compilation_chain_init_hook = _do_nothing
+        _treat_constants_as_variables(dispatcher)
         return dispatcher
 
     return decorate
 
 
-def _do_nothing() -> None:
+def _do_nothing(*_ignored: Any) -> None:
     pass
+
+
+def _treat_constants_as_variables(dispatcher: Any) -> None:
+    """Prevent that a function is compiled anew for every integer with which a kernel calls it."""
+    find = dispatcher.get_call_template
+
+    def find_for_any(args: Any, kws: Any) -> Any:
+        return find(tuple(map(types.unliteral, args)), {name: types.unliteral(kws[name]) for name in kws})
+
+    dispatcher.get_call_template = find_for_any
+
+
+def subkernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Return a decorator that compiles a function for kernels that call it; Python calls what is not compiled.
+
+    What converts the arguments and results of compiled functions for Python takes long to compile.
+    """
+    compiled = kernel(no_cpython_wrapper=True, **options)
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        dispatcher = compiled(function)
+        dispatcher._insert = _do_nothing
+        dispatcher._compile_for_args = lambda *_args, **_kws: function
+        return dispatcher
+
+    return decorate
 
 
 def inlined(function: Callable[..., Any]) -> Any:
@@ -53,7 +82,7 @@ def inlined(function: Callable[..., Any]) -> Any:
 
     Its types are inferred once, instead of once for every call as with ``inline="always"``.
     """
-    return kernel(error_model="numpy", forceinline=True)(function)
+    return subkernel(forceinline=True)(function)
 
 
 class _CollectorPause(event.Listener):  # type: ignore[misc]
@@ -80,3 +109,13 @@ class _CollectorPause(event.Listener):  # type: ignore[misc]
 
 
 event.register("numba:compile", _CollectorPause())
+
+
+def _stop_watch() -> None:
+    """Take away what numba does at every call of LLVM: it adds up times that nobody reads, a twelfth of compiling."""
+    callbacks = getattr(getattr(ffi.lib, "_lock", None), "_cblist", None)
+    if isinstance(callbacks, list):
+        callbacks.clear()
+
+
+_stop_watch()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.kernels import kernel
+from scenetruth.kernels import kernel, subkernel
 
 __all__ = ["add_edges"]
 
@@ -46,7 +46,7 @@ def add_edges(starts: Array, ends: Array, area: Array) -> None:
             _add_piece(area[row], width, left, right, sign * (bottom - top))
 
 
-@kernel()
+@subkernel()
 def _add_piece(row: Array, width: int, left: float, right: float, rise: float) -> None:
     """Add the part of an edge within one row of pixels: its range of x, and its signed height."""
     if left >= width:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.kernels import inlined, kernel
+from scenetruth.kernels import inlined, kernel, subkernel
 from scenetruth.raycast.ray_triangle_kernels import (
     BLUR_X,
     BLUR_Y,
@@ -68,7 +68,7 @@ def sort_rays(
     return order, start, field, bool(forward.all())
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _project(
     low: int, high: int, directions: NDArray[np.float64], frame: NDArray[np.float64], places: NDArray[np.float64],
     forward: NDArray[np.bool_],
@@ -178,7 +178,7 @@ def _outside(box: NDArray[np.float64], field: NDArray[np.float64]) -> Any:
     )
 
 
-@kernel()
+@subkernel()
 def _reach_in_row(
     form: NDArray[np.float64],
     frame: NDArray[np.float64],
@@ -227,7 +227,7 @@ def scatter_hits(
     return face, depth, weights
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _scatter_hits(
     low_turn: int, high_turn: int, forms: NDArray[np.float64], boxes: NDArray[np.float64], frame: NDArray[np.float64],
     field: NDArray[np.float64], side: int, rays: tuple[NDArray[Any], ...], lists: tuple[NDArray[Any], ...],

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.kernels import kernel
+from scenetruth.kernels import kernel, subkernel
 from scenetruth.raycast.edge_kernels import sort_first
 from scenetruth.threads import in_bands
 
@@ -54,7 +54,7 @@ def cut_pixels(
     return firsts, *out
 
 
-@kernel()
+@subkernel()
 def _clip(ends: NDArray[np.float64], edge: int, line: NDArray[np.float64]) -> Any:
     """Write the part of an edge inside the pixel, from the upper to the lower end; return whether there is one."""
     x0, y0, x1, y1 = ends[edge, 0], ends[edge, 1], ends[edge, 2], ends[edge, 3]
@@ -75,7 +75,7 @@ def _clip(ends: NDArray[np.float64], edge: int, line: NDArray[np.float64]) -> An
     return True
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _bounds(lines: NDArray[np.float64], used: int, bounds: NDArray[np.float64]) -> Any:
     """Write the heights between which no edge begins, ends or crosses another, in ascending order."""
     bounds[0], bounds[1], count = -0.5, 0.5, 2
@@ -94,7 +94,7 @@ def _bounds(lines: NDArray[np.float64], used: int, bounds: NDArray[np.float64]) 
     return count
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _cut_pixels(
     low: int, high: int, ends: NDArray[np.float64], starts: NDArray[np.int64], orders: NDArray[np.int64],
     nodes: NDArray[np.float64], weights: NDArray[np.float64], firsts: NDArray[np.int64],

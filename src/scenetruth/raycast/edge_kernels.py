@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.kernels import inlined, kernel
+from scenetruth.kernels import inlined, kernel, subkernel
 from scenetruth.threads import in_bands
 
 __all__ = ["contour_edges", "cut_segments", "face_sides", "sort_first"]
@@ -33,7 +33,7 @@ def face_sides(
     return normals, front
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _face_sides(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], origin: NDArray[np.float64],
     normals: NDArray[np.float64], front: NDArray[np.bool_],
@@ -140,7 +140,7 @@ def cut_segments(
     return inverses, positions, segments
 
 
-@kernel()
+@subkernel()
 def _cuts(
     first: NDArray[np.float64],
     last: NDArray[np.float64],

@@ -106,7 +106,7 @@ def _next_to_other(mesh: TexturedMesh, rays: ImageRays, pixel: int, face: int) -
     return False
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _divide_pixels(
     low: int, high: int, mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int64],
     counts: NDArray[np.int64], beside: NDArray[np.bool_], face_out: NDArray[np.int32], values: NDArray[np.float64],

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.kernels import inlined, kernel
+from scenetruth.kernels import inlined, kernel, subkernel
 from scenetruth.raycast.mesh_topology import ImageRays, TexturedMesh
 from scenetruth.raycast.ray_triangle_kernels import (
     DISTANCE,
@@ -31,7 +31,7 @@ _U, _V, _DENOMINATOR = range(3)
 _CENTRE, _ACROSS, _DOWN = range(3)
 
 
-@kernel()
+@subkernel()
 def _meet(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, origin: NDArray[np.float64],
     dx: float, dy: float, dz: float,
@@ -101,7 +101,7 @@ def refine_hits(
     return out
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _refine_hits(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], neighbours: NDArray[np.int32],
     origin: NDArray[np.float64], directions: NDArray[np.float64], guesses: NDArray[np.int32], width: int, margin: float,
@@ -270,7 +270,7 @@ MOST_STEPS = 512
 _LEAST_WALKED = 128  # minimum number of pixels per thread
 
 
-@kernel()
+@subkernel()
 def ways_out(w0: float, w1: float, w2: float) -> Any:
     """Return the number of edges that a ray is outside of, one of these edges, and their common corner if two.
 
@@ -315,7 +315,7 @@ def walk_footprints(
     return out
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _walk_footprints(
     low: int, high: int, mesh: TexturedMesh, rays: ImageRays, pixels: NDArray[np.int64], offsets: NDArray[np.float64],
     arrived: NDArray[np.bool_], face_out: NDArray[np.int32], depth_out: NDArray[np.float64],

@@ -161,7 +161,7 @@ def _may_touch(edges: NDArray[np.float64], x: float, y: float) -> Any:
     return positive | negative
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _pixel_hits(
     low: int, high: int, grid: RayGrid, forms: NDArray[np.float64], boxes: NDArray[np.float64],
     row_start: NDArray[np.int64], pixels: NDArray[np.int64], directions: NDArray[np.float64],

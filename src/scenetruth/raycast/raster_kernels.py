@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.kernels import inlined, kernel
+from scenetruth.kernels import inlined, kernel, subkernel
 from scenetruth.raycast.ray_triangle_kernels import (
     BLUR_X,
     BLUR_Y,
@@ -70,7 +70,7 @@ def _tile_rows(rays: int, width: int) -> int:
     return max(rays // (TILE * width), 1)
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _tile_bounds(
     low: int, high: int, directions: NDArray[np.float64], width: int, frame: NDArray[np.float64],
     bounds: NDArray[np.float64], forward: NDArray[np.bool_],
@@ -116,7 +116,7 @@ def prepare_faces(
     return forms, boxes
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _prepare_faces(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], origin: NDArray[np.float64],
     frame: NDArray[np.float64], forms: NDArray[np.float64], boxes: NDArray[np.float64],
@@ -150,7 +150,7 @@ def _prepare_faces(
         write_forms(vertices, faces, face, origin, forms[face])
 
 
-@kernel()
+@subkernel()
 def _edges_of_tile(form: NDArray[np.float64], frame: NDArray[np.float64], bounds: NDArray[np.float64]) -> Any:
     """Return whether any ray of a tile may be inside the three edges of a face, and whether all rays certainly are."""
     may_positive, may_negative, all_positive, all_negative = True, True, True, True
@@ -195,7 +195,7 @@ def raster_hits(
     return face, depth, weights
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _weigh_hits(
     first: int, last: int, forms: NDArray[np.float64], directions: NDArray[np.float64], face: NDArray[np.int32],
     depth: NDArray[np.float64], weights: NDArray[np.float64],
@@ -209,7 +209,7 @@ def _weigh_hits(
         weights[n, 0], weights[n, 1] = weigh(forms[face[n]], dx, dy, dz)
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _raster_hits(
     low: int, high: int, forms: NDArray[np.float64], boxes: NDArray[np.float64], frame: NDArray[np.float64],
     bounds: NDArray[np.float64], directions: NDArray[np.float64], width: int, face_out: NDArray[np.int32],
@@ -266,7 +266,7 @@ def hits_on_faces(
     return depth, weights
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _hits_on_faces(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], origin: NDArray[np.float64],
     directions: NDArray[np.float64], face: NDArray[np.int32], depth: NDArray[np.float64], weights: NDArray[np.float64],
@@ -305,7 +305,7 @@ def grid_steps(
     return grid, bool(regular.all())
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _grid_steps(
     low: int, high: int, directions: NDArray[np.float64], width: int, frame: NDArray[np.float64],
     grid: NDArray[np.float64], regular: NDArray[np.bool_],
@@ -371,7 +371,7 @@ def _covered(one: float, other: float, low: float, step: float, first: int, last
     return int(np.ceil(min(max(start, first), last))), int(np.floor(min(max(end, first - 1.0), last - 1.0))) + 1
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _between_edges(
     form: NDArray[np.float64], directions: NDArray[np.float64], start: int, width: int, left: int, right: int
 ) -> Any:  # fmt: skip
@@ -413,7 +413,7 @@ def _between_edges(
     return left + int(np.ceil(low)), left + int(np.floor(high)) + 1
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _grid_hits(
     low: int, high: int, forms: NDArray[np.float64], boxes: NDArray[np.float64], grid: NDArray[np.float64],
     directions: NDArray[np.float64], width: int, face_out: NDArray[np.int32], depth_out: NDArray[np.float64],

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.kernels import inlined, kernel
+from scenetruth.kernels import inlined, kernel, subkernel
 from scenetruth.raycast.shadow_kernels import EDGES, LOWEST, PLANE, STEEP, FacesInLight, cell_of
 from scenetruth.threads import in_bands
 
@@ -60,7 +60,7 @@ def _clip(at_start: float, at_end: float, enter: float, leave: float) -> Any:
     return enter, leave
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _shadow_on(
     ends: NDArray[np.float64], edge: int, numbers: NDArray[np.float64], face: int, apart: float
 ) -> Any:  # fmt: skip
@@ -85,7 +85,7 @@ def _shadow_on(
     return enter, leave
 
 
-@kernel(error_model="numpy")
+@kernel()
 def cast_edges(
     ends: NDArray[np.float64],
     edge_faces: NDArray[np.int32],
@@ -143,7 +143,7 @@ def cast_edges(
     return used
 
 
-@kernel()
+@subkernel()
 def _height_over(plane: NDArray[np.float64], point: NDArray[np.float64]) -> Any:
     """Return the distance of a point from a plane, given by a point and the unit normal."""
     return (
@@ -151,7 +151,7 @@ def _height_over(plane: NDArray[np.float64], point: NDArray[np.float64]) -> Any:
     )  # fmt: skip
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _plane_of(
     places: NDArray[np.float64], corners: NDArray[np.int32], plane: NDArray[np.float64]
 ) -> None:  # fmt: skip
@@ -164,7 +164,7 @@ def _plane_of(
     plane[0], plane[1], plane[2], plane[3], plane[4], plane[5] = a[0], a[1], a[2], nx / length, ny / length, nz / length
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _crossing(
     places: NDArray[np.float64], one: NDArray[np.int32], other: NDArray[np.int32], planes: NDArray[np.float64],
     line: NDArray[np.float64], apart: float,

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.kernels import inlined, kernel
+from scenetruth.kernels import inlined, kernel, subkernel
 from scenetruth.threads import in_bands
 
 __all__ = [
@@ -28,7 +28,7 @@ __all__ = [
 ]
 
 
-@kernel()
+@subkernel()
 def meets(
     vertices: NDArray[np.float64], faces: NDArray[np.int32], face: int, start: NDArray[np.float64],
     way: NDArray[np.float64], farthest: float,
@@ -156,7 +156,7 @@ def flatten_faces(
     return numbers, boxes
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _flatten_faces(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], frame: NDArray[np.float64],
     tolerance: float, numbers: NDArray[np.float64], boxes: NDArray[np.float64],
@@ -226,7 +226,7 @@ def cell_of(value: float, low: float, per_cell: float, last: int) -> Any:
     return int(min(max((value - low) * per_cell, 0.0), last + 0.0))
 
 
-@kernel()
+@subkernel()
 def _touches(numbers: NDArray[np.float64], face: int, u: float, v: float, edge: float, tolerance: float) -> Any:
     """Return whether a face may touch the cell with lowest corner (u, v)."""
     for first in range(EDGES, PLANE, 3):
@@ -319,7 +319,7 @@ def _lowest(numbers: NDArray[np.float64], face: int, u: float, v: float, toleran
     return lowest
 
 
-@kernel()
+@subkernel()
 def _decide(
     numbers: NDArray[np.float64], tolerance: float, u: float, v: float, height_of_point: float, own: int,
     touched: NDArray[np.int32], met: NDArray[np.bool_], used: int, neighbours: NDArray[np.int32],

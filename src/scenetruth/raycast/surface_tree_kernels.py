@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.kernels import kernel
+from scenetruth.kernels import kernel, subkernel
 
 __all__ = ["SurfaceTree", "build_tree", "find_between"]
 
@@ -172,7 +172,7 @@ def _build(corners: NDArray[np.float64]) -> Any:
     return spheres[:used].copy(), children[:used].copy(), order
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def find_between(
     tree: SurfaceTree, start: tuple[float, float, float], near: float, lamp: tuple[float, float, float], radius: float,
     own: int, found: NDArray[np.int32],

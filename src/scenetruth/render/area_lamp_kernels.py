@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.kernels import kernel
+from scenetruth.kernels import kernel, subkernel
 from scenetruth.raycast.surface_tree_kernels import SurfaceTree, find_between
 from scenetruth.render.fitted_lamp_kernels import ANGLES, PAIR, along_fitted, fit_light, visible_light
 from scenetruth.render.lamp_shadow_kernels import (
@@ -103,7 +103,7 @@ def lamp_shares(
     return shares, state
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _face_lamp(lamp: NDArray[np.float64], point: NDArray[np.float64], place: NDArray[np.float64]) -> Any:
     """Fill in the flat lamp that a point sees: the lamp, or the disc within the outline of a sphere.
 
@@ -140,7 +140,7 @@ def _face_lamp(lamp: NDArray[np.float64], point: NDArray[np.float64], place: NDA
     return True
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _set_lines(
     place: NDArray[np.float64], polar: bool, point: NDArray[np.float64], normal: NDArray[np.float64],
     values: NDArray[np.float64],
@@ -181,7 +181,7 @@ def _set_lines(
     return lines, side
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _closed_form(
     place: NDArray[np.float64], polar: bool, point: NDArray[np.float64], normal: NDArray[np.float64]
 ) -> Any:
@@ -223,7 +223,7 @@ def _closed_form(
     return -0.5 * place[RADIANCE] * total
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _along_line(
     s: float, place: NDArray[np.float64], polar: bool, point: NDArray[np.float64], shades: tuple[Any, ...],
     optics: tuple[Any, ...],
@@ -315,7 +315,7 @@ def _along_line(
     return seen, factor, gloss, all_factor, all_gloss
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _unshaded_at(
     place: NDArray[np.float64], polar: bool, lines: int, side: int, point: NDArray[np.float64],
     normal: NDArray[np.float64], optics: tuple[Any, ...], none: tuple[Any, ...],
@@ -345,7 +345,7 @@ def _unshaded_at(
     return factor, gloss
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _coarse_light(place: NDArray[np.float64], point: NDArray[np.float64], optics: tuple[Any, ...]) -> Any:
     """Return factor and gloss by three points of a round lamp, which suffice for differences between near points."""
     frame, eye, leaving, values, tables = optics
@@ -368,7 +368,7 @@ def _coarse_light(place: NDArray[np.float64], point: NDArray[np.float64], optics
     return factor, gloss
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _unshaded_light(
     low: int, high: int, lamp: NDArray[np.float64], view: tuple[NDArray[Any], ...], surface: tuple[NDArray[Any], ...],
     out: NDArray[np.float64],
@@ -392,7 +392,7 @@ def _unshaded_light(
             out[n, 0], out[n, 1] = _unshaded_at(place, polar, lines, side, points[n], normals[n], optics, none)
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _unshaded_corners(
     low: int, high: int, lamp: NDArray[np.float64], view: tuple[NDArray[Any], ...], surface: tuple[NDArray[Any], ...],
     out: NDArray[np.float64],
@@ -435,7 +435,7 @@ def _unshaded_corners(
             out[n, c, 0], out[n, c, 1] = one, other
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _lamp_shares(
     low: int, high: int, lamp: NDArray[np.float64], bundle: tuple[Any, ...], view: tuple[NDArray[Any], ...],
     surface: tuple[NDArray[Any], ...], shares: NDArray[np.float64], state: NDArray[np.uint8],
@@ -521,7 +521,7 @@ def _lamp_shares(
         shares[n, 2], shares[n, 3] = all_factor, all_gloss
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _add_border(
     place: NDArray[np.float64], polar: bool, x: float, y: float, borders: NDArray[np.float64], used: int
 ) -> Any:
@@ -537,7 +537,7 @@ def _add_border(
     return used + 1
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _line_borders(
     place: NDArray[np.float64], polar: bool, lines: int, edges: NDArray[np.float64], count: int,
     borders: NDArray[np.float64],
@@ -585,7 +585,7 @@ def _line_borders(
     return used
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _on_line(
     s: float, place: NDArray[np.float64], polar: bool, point: NDArray[np.float64], shades: tuple[Any, ...],
     optics: tuple[Any, ...], fit: NDArray[np.float64], even: bool,
@@ -596,7 +596,7 @@ def _on_line(
     return _along_line(s, place, polar, point, shades, optics)
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _integrate(
     place: NDArray[np.float64], polar: bool, point: NDArray[np.float64], lines: int, even: bool,
     shades: tuple[Any, ...], optics: tuple[Any, ...], buffers: tuple[NDArray[Any], ...],

@@ -188,7 +188,7 @@ def average_bilinear(
     return done, means
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _average_bilinear(
     low: int, high: int, mesh: TexturedMesh, rays: ImageRays, footprints: Footprints, raster: Raster, light: LampLight,
     done: NDArray[np.bool_], means: NDArray[np.float32],

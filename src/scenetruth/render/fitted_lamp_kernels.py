@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.kernels import kernel
+from scenetruth.kernels import subkernel
 from scenetruth.render.lamp_shadow_kernels import AXIS, CENTRE, OPAQUE, RADIANCE, SIZES, line_pieces
 from scenetruth.render.reflectance_kernels import in_frame, reflect_ray
 
@@ -25,7 +25,7 @@ _CLOSE = 0.2  # distance from the centre of the lamp, in radii, below which edge
 _LENGTH = 0.7  # of the parts of edges, in distances from the centre
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def fit_light(
     place: NDArray[np.float64], point: NDArray[np.float64], optics: tuple[Any, ...], fit: NDArray[np.float64]
 ) -> None:
@@ -59,7 +59,7 @@ def fit_light(
                     fit[kind, 1, k] += sign * part / PAIR
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def along_fitted(
     s: float, place: NDArray[np.float64], begin_depth: float, begin: float, shades: tuple[Any, ...],
     fit: NDArray[np.float64],
@@ -93,7 +93,7 @@ def along_fitted(
     )
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _around(fit: NDArray[np.float64], kind: int, which: int, right: float, below: float) -> Any:
     """Return the fitted light in a direction around the lamp, given by its cosine and sine."""
     double, doubled = right * right - below * below, 2.0 * right * below
@@ -101,7 +101,7 @@ def _around(fit: NDArray[np.float64], kind: int, which: int, right: float, below
     return low + fit[kind, which, 3] * double + fit[kind, which, 4] * doubled
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def visible_light(
     place: NDArray[np.float64], edges: NDArray[np.float64], count: int, depth: float, fit: NDArray[np.float64],
     marks: NDArray[np.float64],
@@ -175,7 +175,7 @@ def visible_light(
     return factor, gloss, whole, shine, True
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _transmitted(depth: float) -> Any:
     """Return the light that passes an optical depth."""
     if depth < _CLEAR:
@@ -183,7 +183,7 @@ def _transmitted(depth: float) -> Any:
     return np.exp(-depth) if depth < 0.5 * OPAQUE else 0.0
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _find_crossings(edges: NDArray[np.float64], count: int, item: int, marks: NDArray[np.float64]) -> Any:
     """Fill in where other edges cross an edge, ascending, and by how much the optical depth increases there.
 
@@ -224,7 +224,7 @@ def _find_crossings(edges: NDArray[np.float64], count: int, item: int, marks: ND
     return used
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _depth_at(edges: NDArray[np.float64], count: int, item: int, x: float, y: float, depth: float) -> Any:
     """Return the optical depth at a point of an edge, on the side of the centre, from that at the centre."""
     for j in range(count):
@@ -239,7 +239,7 @@ def _depth_at(edges: NDArray[np.float64], count: int, item: int, x: float, y: fl
     return depth
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _along_edge(
     ax: float, ay: float, dx: float, dy: float, begin: float, end: float, inner: float, outer: float,
     fit: NDArray[np.float64],
@@ -269,7 +269,7 @@ def _along_edge(
     return one, other
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _in_sector(ends: tuple[float, float, float, float], area: float, moment: float, fit: NDArray[np.float64]) -> Any:
     """Return factor and gloss in the sector over a part of an edge: an area and a moment times the fitted light."""
     x, y, u, v = ends

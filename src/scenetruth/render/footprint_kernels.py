@@ -82,7 +82,7 @@ def sample_raster(raster: Raster, uv: NDArray[np.float64], where: NDArray[np.int
     in_bands(_sample_raster, where.shape[0], raster, uv, where, out, least=_LEAST_POINTS)
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _sample_raster(
     low: int, high: int, raster: Raster, uv: NDArray[np.float64], where: NDArray[np.int64], out: NDArray[np.float32]
 ) -> None:  # fmt: skip
@@ -164,7 +164,7 @@ def sample_hits(
     in_bands(_sample_hits, where.shape[0], raster, uv, face, weights, where, out, least=_LEAST_POINTS)
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _sample_hits(
     low: int, high: int, raster: Raster, uv: NDArray[np.float64], face: NDArray[np.int32],
     weights: NDArray[np.float64], where: NDArray[np.int64], out: NDArray[np.float32],
@@ -305,7 +305,7 @@ def _alone(mesh: TexturedMesh, rays: ImageRays, pixel: int, face: int) -> Any:
     return True
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _average_footprints(
     low: int, high: int, mesh: TexturedMesh, rays: ImageRays, regular: bool, footprints: Footprints, raster: Raster,
     light: LampLight, arrived: NDArray[np.bool_], means: NDArray[np.float32],

@@ -62,7 +62,7 @@ def predict_level(
     return wanted
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _predict_level(
     low: int, high: int, step: int, diagonal: bool, label: NDArray[np.int32], known: NDArray[np.uint8],
     values: NDArray[np.float64], error: NDArray[np.float64], wanted: NDArray[np.bool_], tolerance: float,
@@ -147,7 +147,7 @@ def extrapolate(
     return out
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _extrapolate(
     low: int, high: int, pixels: NDArray[np.int64], places: tuple[Any, ...], image: tuple[Any, ...],
     knowledge: NDArray[np.uint8], values: NDArray[np.float64], apart: float, out: NDArray[np.float64],
@@ -211,7 +211,7 @@ def mix_light(
     in_bands(_mix_light, len(faces), corner_light, faces, weights, out, least=_LEAST_SAMPLES)
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _mix_light(
     low: int, high: int, corner_light: NDArray[np.float64], faces: NDArray[np.int32], weights: NDArray[np.float64],
     out: NDArray[np.float64],

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.kernels import inlined, kernel
+from scenetruth.kernels import inlined, subkernel
 from scenetruth.raycast.surface_tree_kernels import SurfaceTree
 
 __all__ = [
@@ -36,7 +36,7 @@ _ASIDE_X, _ASIDE_Y = 0.7e-6, 0.4e-6  # where lines across round lamps begin, in 
 _ROUNDING = 1e-5  # margin of the radius
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def outline_edges(
     tree: SurfaceTree, found: NDArray[np.int32], count: int, start: tuple[float, float, float],
     place: NDArray[np.float64], polar: bool, depths: NDArray[np.float64], sides: NDArray[np.int8],
@@ -131,7 +131,7 @@ def _components(
     )
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _project_between(
     corners: NDArray[np.float64], face: int, start: tuple[float, float, float], whole: float,
     place: NDArray[np.float64], outline: NDArray[np.float64],
@@ -185,7 +185,7 @@ def _project_between(
     return (used if used > 2 else 0), least
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _reaches(outline: NDArray[np.float64], used: int, place: NDArray[np.float64], polar: bool, moved: float) -> Any:
     """Return whether the box around an outline meets that around a lamp, if it moves; and the area, with its sign."""
     wide, high = (place[13], place[13]) if polar else (place[12], place[13])
@@ -199,7 +199,7 @@ def _reaches(outline: NDArray[np.float64], used: int, place: NDArray[np.float64]
     return over, area
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _cut_edges(
     corners: NDArray[np.float64], face: int, start: tuple[float, float, float], whole: float,
     place: NDArray[np.float64], polar: bool, depth: float, outline: NDArray[np.float64], edges: NDArray[np.float64],
@@ -221,7 +221,7 @@ def _cut_edges(
     return used
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def surely_lit(
     tree: SurfaceTree, found: NDArray[np.int32], count: int, start: tuple[float, float, float], near: float, body: int,
     place: NDArray[np.float64], polar: bool,
@@ -247,7 +247,7 @@ def surely_lit(
     return True
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def trim_edges(edges: NDArray[np.float64], count: int, radius: float) -> Any:
     """Keep the edges that meet a disc of a radius, in place, moved by a little.
 
@@ -271,7 +271,7 @@ def trim_edges(edges: NDArray[np.float64], count: int, radius: float) -> Any:
     return kept, depth
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def rectangle_depth(edges: NDArray[np.float64], count: int, wide: float, high: float) -> Any:
     """Return whether edges may meet a rectangle of half a width and height, and the optical depth at its centre."""
     meets, depth = False, 0.0
@@ -302,7 +302,7 @@ def cross_edge(
     return 1.0 if one > 0.0 else -1.0, ((ax + share * (bx - ax)) * dx + (ay + share * (by - ay)) * dy) / square
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def line_pieces(
     line: tuple[float, float, float, float], depth: float, begin: float, edges: NDArray[np.float64], count: int,
     marks: NDArray[np.float64], pieces: NDArray[np.float64],

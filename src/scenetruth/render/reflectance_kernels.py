@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.kernels import kernel
+from scenetruth.kernels import kernel, subkernel
 from scenetruth.threads import in_bands
 
 __all__ = [
@@ -32,7 +32,7 @@ _LEAST_COSINE = 1e-4  # of directions along the surface, where the model has a l
 _LEAST_POINTS = 4096
 
 
-@kernel(error_model="numpy")
+@kernel()
 def fresnel(cosine: float, index: float) -> Any:
     """Return the reflectance of a dielectric of a refractive index for unpolarised light, from outside.
 
@@ -44,14 +44,14 @@ def fresnel(cosine: float, index: float) -> Any:
     return 0.5 * (across * across + along * along)
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _slope(x: float, y: float, z: float, along: float, wide: float) -> Any:
     """Return Λ of Smith for a direction in the frame of the surface (Heitz 2014, eq. 86)."""
     ratio = ((along * x) ** 2 + (wide * y) ** 2) / max(z * z, 1e-300)
     return 0.5 * (np.sqrt(1.0 + ratio) - 1.0)
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _facets(view: tuple[Any, ...], light: tuple[Any, ...], half: tuple[Any, ...], along: float, wide: float) -> Any:
     """Return π D G / (4 cos θ_v), the reflectance of perfect mirrors times π cos θ_l.
 
@@ -63,7 +63,7 @@ def _facets(view: tuple[Any, ...], light: tuple[Any, ...], half: tuple[Any, ...]
     return 1.0 / (along * wide * spread * spread * shadowing * 4.0 * view[2])
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _visible_albedo(view: tuple[Any, ...], index: float, along: float, wide: float) -> Any:
     """Return the directional albedo of one reflection, by the visible normals (Dupuy and Benyoub 2023).
 
@@ -93,7 +93,7 @@ def _visible_albedo(view: tuple[Any, ...], index: float, along: float, wide: flo
     return total / (_ACROSS * _ROUND)
 
 
-@kernel(error_model="numpy")
+@kernel()
 def albedo_tables(index: float, along: float, wide: float) -> Any:
     """Return the directional albedo of GGX microfacets at the nodes, shape (COSINES, AZIMUTHS).
 
@@ -112,7 +112,7 @@ def albedo_tables(index: float, along: float, wide: float) -> Any:
     return table
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _table_place(table: NDArray[np.float64], direction: tuple[Any, ...]) -> Any:
     """Return the place of a direction in the frame of the surface, on either side, in a table of directional albedo.
 
@@ -128,7 +128,7 @@ def _table_place(table: NDArray[np.float64], direction: tuple[Any, ...]) -> Any:
     return i, place - i, j, turn - j
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _at_place(table: NDArray[np.float64], place: tuple[Any, ...]) -> Any:
     """Return the value of a table at a place."""
     i, level, j, turn = place
@@ -139,13 +139,13 @@ def _at_place(table: NDArray[np.float64], place: tuple[Any, ...]) -> Any:
     return (1.0 - level) * low + level * high
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _interpolate(table: NDArray[np.float64], direction: tuple[Any, ...]) -> Any:
     """Return the value of a table of directional albedo for a direction in the frame of the surface."""
     return _at_place(table, _table_place(table, direction))
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def entering(tables: NDArray[np.float64], direction: tuple[Any, ...]) -> Any:
     """Return the shares of light that the boundary, and one reflection of mirrors, do not reflect."""
     place = _table_place(tables[1], direction)
@@ -201,7 +201,7 @@ def reflect_light(
     in_bands(_reflect_light, len(factors), irradiance, to_light, view, surface, factors, gloss, least=_LEAST_POINTS)
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _reflect_light(
     low: int, high: int, irradiance: NDArray[np.float64], to_light: NDArray[np.float64],
     view: tuple[NDArray[Any], ...], surface: tuple[NDArray[Any], ...], factors: NDArray[np.float64],
@@ -221,7 +221,7 @@ def _reflect_light(
         gloss[n] += shine
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def reflect_ray(
     irradiance: float, light: tuple[Any, ...], eye: tuple[Any, ...], leaving: tuple[Any, ...],
     values: NDArray[np.float64], tables: NDArray[np.float64],
@@ -256,7 +256,7 @@ def reflect_ray(
     return factor, gloss + metal * (single * grazing + again * values[8])
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def frame_of(normal: NDArray[np.float64], along: NDArray[np.float64]) -> Any:
     """Return tangent, bitangent and normal of a surface, with the tangent in the plane of a direction along it."""
     nx, ny, nz = normal[0], normal[1], normal[2]
@@ -267,14 +267,14 @@ def frame_of(normal: NDArray[np.float64], along: NDArray[np.float64]) -> Any:
     return (x, y, z), (ny * z - nz * y, nz * x - nx * z, nx * y - ny * x), (nx, ny, nz)
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def in_frame(frame: tuple[Any, ...], x: float, y: float, z: float) -> Any:
     """Return the components of a vector in a frame."""
     a, b, c = frame
     return a[0] * x + a[1] * y + a[2] * z, b[0] * x + b[1] * y + b[2] * z, c[0] * x + c[1] * y + c[2] * z
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def towards(frame: tuple[Any, ...], origin: NDArray[np.float64], point: NDArray[np.float64]) -> Any:
     """Return the unit vector from a point to the camera in a frame; along the surface at least."""
     dx, dy, dz = origin[0] - point[0], origin[1] - point[1], origin[2] - point[2]
@@ -295,7 +295,7 @@ def reflect_ambient(
         in_bands(_reflect_ambient, len(factors), ambient, view, surface, factors, gloss, least=_LEAST_POINTS)
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _reflect_ambient(
     low: int, high: int, ambient: float, view: tuple[NDArray[Any], ...], surface: tuple[NDArray[Any], ...],
     factors: NDArray[np.float64], gloss: NDArray[np.float64],

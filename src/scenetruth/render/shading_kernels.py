@@ -191,7 +191,7 @@ def smooth_points(
     return starts
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _smooth_points(
     low: int, high: int, points: NDArray[np.float64], normals: NDArray[np.float64], faces: NDArray[np.int64],
     weights: NDArray[np.float64], corners: NDArray[np.float64], corner_normals: NDArray[np.float64],
@@ -302,7 +302,7 @@ def direct_light(
     return out
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _direct_light(
     low: int, high: int, points: NDArray[np.float64], normals: NDArray[np.float64],
     position: NDArray[np.float64], axis: NDArray[np.float64], parallel_light: bool, irradiance: float,
@@ -356,7 +356,7 @@ def behind_sphere(
     return found
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _behind_sphere(
     low: int, high: int, points: NDArray[np.float64], wanted: NDArray[np.bool_], centre: NDArray[np.float64],
     radius: float, axis: NDArray[np.float64], position: NDArray[np.float64], parallel_light: bool,
@@ -480,7 +480,7 @@ def shade_image(
     return out
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _shade_image(
     low: int, high: int, albedo: NDArray[np.float32], shade: NDArray[np.float64], face: NDArray[np.int32],
     mixed: NDArray[np.bool_], unknown: NDArray[np.bool_], uneven: NDArray[np.bool_], variance: float,

@@ -59,7 +59,7 @@ def surface_tensors(x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[n
     return out
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _surface_tensors(
     low: int, high: int, x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64],
     out: NDArray[np.float64],

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.kernels import inlined, kernel
+from scenetruth.kernels import inlined, kernel, subkernel
 from scenetruth.threads import in_bands
 
 __all__ = ["FRONT", "IGNORED", "Layers", "are_clear", "find_convex_faces", "find_layers"]
@@ -201,7 +201,7 @@ def _face_sides(
         sides[face] = side
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _to_cells(
     low: int, high: int, vertices: NDArray[np.float64], focal_px: float, centre_x: float, centre_y: float,
     cells: NDArray[np.float64],
@@ -230,7 +230,7 @@ def _cell(value: float, count: int) -> Any:
     return int(np.floor(min(max(value, -1.0), float(count))))
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _find_boxes(
     cells: NDArray[np.float64], faces: NDArray[np.int32], sides: NDArray[np.uint8], face_offsets: NDArray[np.int64],
     rows: int, columns: int, boxes: NDArray[np.int32],
@@ -251,7 +251,7 @@ def _find_boxes(
             boxes[body, 2], boxes[body, 3] = max(bottom - top + 1, 0), max(right - left + 1, 0)
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _find_single(
     vertices: NDArray[np.float64], cells: NDArray[np.float64], faces: NDArray[np.int32],
     sides_across: NDArray[np.int32], sides: NDArray[np.uint8], face_offsets: NDArray[np.int64],
@@ -299,7 +299,7 @@ def _find_single(
             begin += columns + 1
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _draw(
     cells: NDArray[np.float64], i: int, j: int, box: NDArray[np.int32], step: int, begin: int, steps: NDArray[np.int32],
     start: int, single: NDArray[np.bool_],
@@ -324,7 +324,7 @@ def _draw(
             single[start + row * columns + column] = False
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _find_nearest(
     vertices: NDArray[np.float64], cells: NDArray[np.float64], faces: NDArray[np.int32], sides: NDArray[np.uint8],
     face_offsets: NDArray[np.int64], pinhole: tuple[float, float, float], nearest: NDArray[np.float64],

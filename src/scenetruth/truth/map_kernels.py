@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.kernels import kernel
+from scenetruth.kernels import kernel, subkernel
 from scenetruth.scene.surface_tensor_kernels import (
     CURVATURE,
     DEFORMATION,
@@ -77,7 +77,7 @@ def fill_maps(
     return out
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _fill_maps(
     low: int, high: int, face: NDArray[np.int32], depth: NDArray[np.float64], weights: NDArray[np.float64],
     directions: NDArray[np.float64], mesh: MovingMesh, scale: float, disparity_depth: float,
@@ -120,7 +120,7 @@ _LEAST_POINTS = 1024  # minimum number of pixels per thread
 # Kernels use unsigned indices, because signed indices are tested for negative values at every access.
 
 
-@kernel()
+@subkernel()
 def _tangential(tensors: Any, first: int, one: Any, two: Any) -> Any:
     """Return the entries (11, 12, 22) of a symmetric tensor in a tangent basis; its six numbers begin at ``first``."""
     aa, ab, bb = 0.0, 0.0, 0.0
@@ -183,7 +183,7 @@ def fill_surface_maps(
     return out
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _fill_surface_maps(
     low: int, high: int, face: NDArray[np.int32], weights: NDArray[np.float64], normal: NDArray[np.float64],
     corners: NDArray[np.int32], tensors: NDArray[np.float64], to_camera: NDArray[np.float64], complete: bool,
@@ -286,7 +286,7 @@ def _along_columns(left: int, right: int, marked: NDArray[np.bool_], along: NDAr
             along[y, x] = min(along[y, x], along[y + 1, x] + 1)
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _across_rows(low: int, high: int, along: NDArray[np.int64], out: NDArray[np.float64]) -> None:
     width = along.shape[1]
     # Lower envelope of the parabolas (x - i)² + along[i]²: their vertices, and the start of each segment.

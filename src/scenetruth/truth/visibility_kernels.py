@@ -99,7 +99,7 @@ class Runs(NamedTuple):
     """Barycentric coordinates of the corners of the parallelograms, shape (runs, 4, 2)."""
 
 
-@kernel(error_model="numpy")
+@kernel()
 def find_runs(face: NDArray[np.int32], weights: NDArray[np.float64]) -> Any:
     """Find the runs of points on faces, shape (n,), with barycentric coordinates, shape (n, 2)."""
     count = np.int64(face.shape[0])
@@ -185,7 +185,7 @@ def look_at_points(
     return out
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _look_at_points(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], face: NDArray[np.int32],
     weights: NDArray[np.float64], fronts: NDArray[np.bool_], face_body: NDArray[np.int32], layers: Layers,
@@ -243,7 +243,7 @@ def _look_at_points(
             unsure[n] = not z < behind
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _look_at_runs(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], face: NDArray[np.int32],
     weights: NDArray[np.float64], fronts: NDArray[np.bool_], face_body: NDArray[np.int32], layers: Layers,
@@ -350,7 +350,7 @@ def hide_points(
     return hidden
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _hide_points(
     begin_face: int, end_face: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], cells: Cells,
     hidden: NDArray[np.bool_],

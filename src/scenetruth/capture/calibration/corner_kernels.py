@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.kernels import kernel
+from scenetruth.kernels import kernel, subkernel
 
 __all__ = ["PART", "PART_VARIANCE", "centroids", "fit_corners", "solve_symmetric"]
 
@@ -27,7 +27,7 @@ PART = 240.0**-0.25
 PART_VARIANCE = 1.0 / 12.0 - 240.0**-0.5
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def solve_symmetric(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> bool:
     """Solve a symmetric system by Cholesky's method in place of its right sides, shape (n, m); False if singular."""
     n, m = right.shape
@@ -56,7 +56,7 @@ def solve_symmetric(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> 
     return True
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def add_pixel(
     residual: float, variance: float, slope: NDArray[np.float64], normal: NDArray[np.float64],
     gradient: NDArray[np.float64],
@@ -75,7 +75,7 @@ def add_pixel(
     return cost, weight * residual * residual
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def damped_step(
     normal: NDArray[np.float64], gradient: NDArray[np.float64], damping: float, p: NDArray[np.float64],
     work: NDArray[np.float64], right: NDArray[np.float64], trial: NDArray[np.float64],
@@ -95,7 +95,7 @@ def damped_step(
     return True
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def position_covariance(
     normal: NDArray[np.float64], work: NDArray[np.float64], unit: NDArray[np.float64]
 ) -> tuple[float, float, float]:  # fmt: skip
@@ -112,7 +112,7 @@ def position_covariance(
     return unit[0, 0] / first, unit[1, 1] / second, unit[1, 0] / math.sqrt(first * second)
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _accumulate(
     values: NDArray[np.float64], variances: NDArray[np.float64], places: NDArray[np.float64],
     p: NDArray[np.float64], parts: int, normal: NDArray[np.float64], gradient: NDArray[np.float64],
@@ -166,7 +166,7 @@ def _accumulate(
     return cost, squares
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _minimise(
     values: NDArray[np.float64], variances: NDArray[np.float64], places: NDArray[np.float64],
     p: NDArray[np.float64], parts: int, normal: NDArray[np.float64], gradient: NDArray[np.float64],
@@ -207,7 +207,7 @@ def _minimise(
     return False, squares
 
 
-@kernel(error_model="numpy")
+@kernel()
 def fit_corners(
     image: NDArray[np.float64], variance: NDArray[np.float64], starts: NDArray[np.float64],
     axes: NDArray[np.float64], gaps: NDArray[np.float64], reach: float, half: int, found: NDArray[np.float64],
@@ -292,7 +292,7 @@ def fit_corners(
         found[corner, 7] = p[6]
 
 
-@kernel(error_model="numpy")
+@kernel()
 def centroids(
     image: NDArray[np.float64], variance: NDArray[np.float64], starts: NDArray[np.float64],
     axes: NDArray[np.float64], inner: float, outer: float, found: NDArray[np.float64],

@@ -14,7 +14,7 @@ from scenetruth.capture.calibration.corner_kernels import (
     damped_step,
     position_covariance,
 )
-from scenetruth.kernels import kernel
+from scenetruth.kernels import kernel, subkernel
 
 __all__ = ["fit_discs"]
 
@@ -27,7 +27,7 @@ _FAR = 4.0  # erfc(4) = 1.5e-8
 _SMALLEST, _LARGEST = 0.6, 1.4  # radius, in the expected radius
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _accumulate(
     values: NDArray[np.float64], variances: NDArray[np.float64], places: NDArray[np.float64], count: int,
     inverse: NDArray[np.float64], p: NDArray[np.float64], normal: NDArray[np.float64], gradient: NDArray[np.float64],
@@ -82,7 +82,7 @@ def _accumulate(
     return cost, squares
 
 
-@kernel(error_model="numpy")
+@kernel()
 def fit_discs(
     image: NDArray[np.float64], variance: NDArray[np.float64], starts: NDArray[np.float64],
     axes: NDArray[np.float64], inner: float, outer: float, found: NDArray[np.float64],

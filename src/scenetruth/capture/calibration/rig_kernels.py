@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.kernels import kernel
+from scenetruth.kernels import kernel, subkernel
 
 __all__ = ["project_views"]
 
@@ -22,7 +22,7 @@ _POINT = _POSE + 6 + _BEND  # deviation of a point of the target
 _SMALL_ANGLE = 1e-4  # below it, Taylor series are exact to 1e-17
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _rotation(x: float, y: float, z: float, rotation: NDArray[np.float64], jacobian: NDArray[np.float64]) -> None:
     """Write exp([w]x) and its left Jacobian, sum of [w]x^n / (n + 1)!, for a rotation vector w."""
     square = x * x + y * y + z * z
@@ -47,7 +47,7 @@ def _rotation(x: float, y: float, z: float, rotation: NDArray[np.float64], jacob
             jacobian[i, j] = unit + b * w[i, j] + c * product
 
 
-@kernel(error_model="numpy")
+@kernel()
 def project_views(
     points: NDArray[np.float64], first: NDArray[np.int64], offsets: NDArray[np.int64], values: NDArray[np.float64],
     turns: NDArray[np.float64], travel: NDArray[np.float64], half_widths: NDArray[np.float64],

@@ -144,7 +144,7 @@ def net(
     return out
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _net(
     low: int, high: int, x: NDArray[np.float32], y: NDArray[np.float32], seeds: NDArray[np.float64],
     strengths: NDArray[np.float64], cell: tuple[float, float], sigma: float, out: NDArray[np.float32],

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.kernels import inlined, kernel
+from scenetruth.kernels import inlined, kernel, subkernel
 from scenetruth.scene.texture.spline_tap_kernels import spline_value
 from scenetruth.threads import in_bands
 
@@ -26,7 +26,7 @@ _LEAST_POINTS, _LEAST_FOOTPRINTS = 8192, 256  # minimum number of points, and of
 # Kernels use unsigned indices, because signed indices are tested for negative values at every access.
 
 
-@kernel()
+@subkernel()
 def cubic_weights(share: np.float32) -> Any:
     """Return six times the four weights of a cubic B-spline between its second and third coefficient."""
     rest = np.float32(1.0) - share
@@ -36,7 +36,7 @@ def cubic_weights(share: np.float32) -> Any:
     return first, second, third, last
 
 
-@kernel(error_model="numpy")
+@subkernel()
 def _spline_across_border(
     flat: NDArray[np.float32], rows: int, columns: int, left: int, top: int, right: np.float32, below: np.float32
 ) -> Any:  # fmt: skip
@@ -90,7 +90,7 @@ def spline_lookup(coefficients: NDArray[np.float32], uv: NDArray[np.float64]) ->
     return out
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _spline_lookup(
     low: int, high: int, coefficients: NDArray[np.float32], uv: NDArray[np.float64], out: NDArray[np.float32]
 ) -> None:
@@ -143,7 +143,7 @@ def spline_means(
     return out
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _spline_means(
     low: int, high: int, coefficients: NDArray[np.float32], forms: NDArray[np.float64], offsets: NDArray[np.float64],
     weights: NDArray[np.float64], out: NDArray[np.float32],
@@ -196,7 +196,7 @@ def linear_means(
     return out
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _linear_means(
     low: int, high: int, values: NDArray[np.float32], forms: NDArray[np.float64], offsets: NDArray[np.float64],
     weights: NDArray[np.float64], tiled: bool, out: NDArray[np.float32],
@@ -225,7 +225,7 @@ def plaid_means(
     return out
 
 
-@kernel(error_model="numpy")
+@kernel()
 def _plaid_means(
     low: int, high: int, forms: NDArray[np.float64], offsets: NDArray[np.float64], weights: NDArray[np.float64],
     out: NDArray[np.float64],
