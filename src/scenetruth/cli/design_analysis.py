@@ -8,7 +8,14 @@ import typer
 
 from scenetruth.cli import design_options, options
 from scenetruth.cli.messages import print_wrote
-from scenetruth.number_format import UNDEFINED, format_interval, format_measured, format_number, format_two_digits
+from scenetruth.number_format import (
+    UNDEFINED,
+    format_interval,
+    format_measured,
+    format_number,
+    format_two_digits,
+    format_unit,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -99,13 +106,12 @@ def _print_budget(found: Budget, region: str) -> None:
 
     from scenetruth.cli.console import make_console
     from scenetruth.design.uncertainty.budget_report import SHOWN_QUANTITIES, format_contribution
-    from scenetruth.design.uncertainty.uncertainty_budget import unit_text
     from scenetruth.errors import visible
     from scenetruth.scoring.quantities import get_title
 
     for quantity in (one for one in SHOWN_QUANTITIES if found.contributions(one, region)):
         total = found.combined(quantity, region)
-        heading = f"{get_title(quantity)}, {unit_text(total.unit)}, {region}"
+        heading = f"{get_title(quantity)}, {format_unit(total.unit)}, {region}"
         table = Table(title=visible(heading, lines=False), title_justify="left")
         table.add_column("cause")
         table.add_column("size", overflow="fold")
@@ -320,7 +326,7 @@ def _print_best(found: Sweep, region: str) -> None:
 
     from scenetruth.cli.console import make_console
     from scenetruth.design.sweeps.plot_model import choose_main_region, describe_place, list_plotted_quantities
-    from scenetruth.design.sweeps.sweep_report import names_methods, unit_text
+    from scenetruth.design.sweeps.sweep_report import find_only_method, names_methods
     from scenetruth.errors import ArgumentError, Problem, visible
     from scenetruth.scoring.quantities import get_title
 
@@ -331,9 +337,7 @@ def _print_best(found: Sweep, region: str) -> None:
         raise ArgumentError(
             [Problem("--region", f"must be one of {', '.join(sorted(regions))}", region)], source="a sweep"
         )
-    table = Table(title=f"smallest RMSE of each quantity, region {region}", title_justify="left")
-    for heading in ("quantity", "RMSE", "95 %", "unit", "at", *(["method"] if names_methods(found) else [])):
-        table.add_column(heading, overflow="fold")
+    lines: list[list[str]] = []
     for quantity in list_plotted_quantities(found):
         try:
             best = found.best(quantity, region=region)
@@ -343,9 +347,16 @@ def _print_best(found: Sweep, region: str) -> None:
         scene = f"{best.scene}: " if len(found.scenes) > 1 else ""
         interval = format_interval(best.ci_low, best.ci_high) or UNDEFINED
         value = format_measured(best.value, 0.5 * (best.ci_high - best.ci_low))
-        cells = [get_title(quantity), value, interval, unit_text(best.unit), scene + at]
-        cells += [best.method] if names_methods(found) else []
-        table.add_row(*(visible(cell, lines=False) for cell in cells))
+        lines.append([get_title(quantity), value, interval, format_unit(best.unit), scene + at, best.method])
+    only = find_only_method([line[-1] for line in lines])
+    shown = names_methods(found) and not only
+    title = f"smallest RMSE of each quantity, region {region}"
+    title += f", all of the method {only}" if names_methods(found) and only else ""
+    table = Table(title=visible(title, lines=False), title_justify="left")
+    for heading in ("quantity", "RMSE", "95 %", "unit", "at", *(["method"] if shown else [])):
+        table.add_column(heading, overflow="fold")
+    for cells in lines:
+        table.add_row(*(visible(cell, lines=False) for cell in (cells if shown else cells[:-1])))
     make_console().print(table)
     for line in (*found.notes, *found.failures):
         typer.echo(visible(line, lines=False), err=True)

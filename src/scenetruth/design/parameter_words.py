@@ -47,6 +47,8 @@ _UNITS = {
     "um": "µm",
     "urad": "µrad",
 }
+_OF = {"sensor.noise_std": "of full scale"}
+"""Units of variables whose names have none."""
 _SYMBOLS = {"sigma": "σ"}
 _UNIT = re.compile(rf"_({'|'.join(sorted(_UNITS, key=len, reverse=True))})$")
 
@@ -73,7 +75,7 @@ def parameter_unit(path: str) -> str:
     ('mm', '')
     """
     unit = _UNIT.search(path)
-    return "" if unit is None else _UNITS[unit[1]]
+    return _OF.get(path, "") if unit is None else _UNITS[unit[1]]
 
 
 def label_parameter(path: str) -> str:
@@ -107,12 +109,12 @@ def describe_parameter(path: str, value: Any, text: str | None = None, title: st
     ('f-number 2', 'nine stage positions')
     >>> describe_parameter("stage.baseline_mm", 8.845), describe_parameter("frames.count", 17)
     ('baseline 8.845 mm', '17 frames')
+    >>> describe_parameter("sensor.noise_std", 0.005)
+    'sensor noise 0.005 of full scale'
     """
     if path in _COUNTED and isinstance(value, int) and not isinstance(value, bool):
         number = _NUMBERS[value] if 0 <= value < len(_NUMBERS) else str(value)
         return f"{number} {_COUNTED[path][value != 1]}"
-    unit = _UNIT.search(path)
+    unit = parameter_unit(path)
     text = f"{title or title_parameter(path)} {text or format_value(value)}"
-    if unit is None:
-        return text
-    return f"{text}{'' if unit[1] == 'deg' else ' '}{_UNITS[unit[1]]}"
+    return f"{text}{'' if unit == '°' else ' '}{unit}".rstrip()

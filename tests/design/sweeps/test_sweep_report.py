@@ -15,6 +15,7 @@ from scenetruth.design.sweeps import (
     Sweep,
     build_chart,
     build_panels,
+    find_only_method,
     list_plotted_quantities,
     write_static_plots,
     write_sweep_report,
@@ -102,7 +103,10 @@ def test_two_factors_make_a_map_and_lines() -> None:
     assert data["text"][1][2] == "6.0<br>(3)"
     assert data["customdata"][0][0] == "1.00, 95 %: 0.80 to 1.20, Cramér-Rao bound 0.5"
     assert "smallest 1 at baseline 1 mm, sensor noise 0.01" in heat.words
-    assert [curve.name for curve in lines.curves if not curve.is_bound] == ["sensor noise 0.01", "sensor noise 0.02"]
+    assert [curve.name for curve in lines.curves if not curve.is_bound] == [
+        "sensor noise 0.01 of full scale",
+        "sensor noise 0.02 of full scale",
+    ]
 
 
 def test_the_first_sentence_counts_points_with_overlapping_intervals(tmp_path: Path) -> None:
@@ -127,17 +131,32 @@ def test_ticks_of_colour_bars_differ(values: tuple[float, float]) -> None:
     assert len(set(ticks)) == len(ticks) == 5
 
 
+def test_a_level_without_a_value_has_an_empty_column() -> None:
+    found = over_two()
+    kept = [row for row in found.rows if row.values[BASELINE] != 4 or row.statistic != "rmse"]
+    heat, *_ = build_panels(replace(found, rows=kept), "depth")
+    data = build_chart(heat)["data"][0]
+    assert data["x"] == ["1", "2", "4"]
+    assert [line[2] for line in data["z"]] == [None, None]
+    assert [line[2] for line in data["text"]] == ["", ""]
+
+
+def test_a_method_of_all_rows_is_named_once() -> None:
+    assert find_only_method(["mine", "mine"]) == "mine"
+    assert find_only_method(["mine", "theirs"]) == find_only_method([]) == ""
+
+
 def test_points_that_fill_ranges_make_a_field_and_more_factors_make_points() -> None:
     points = [{BASELINE: b, NOISE: n} for b, n in ((1.5, 0.02), (3.1, 0.01), (2.2, 0.04))]
     filled = Sweep([BASELINE, NOISE], ["cube"], ["mine"], rows(points), is_grid=False, logarithmic=frozenset({NOISE}))
     field, *marginal = build_panels(filled, "depth")
     assert build_chart(field)["data"][0]["mode"] == "markers"
     assert field.y.logarithmic
-    assert [panel.x.title for panel in marginal] == ["baseline, mm", "sensor noise"]
+    assert [panel.x.title for panel in marginal] == ["baseline, mm", "sensor noise, of full scale"]
     assert [point[0] for point in marginal[0].curves[0].points] == [1.5, 2.2, 3.1]
     three = [{BASELINE: b, NOISE: 0.1, KIND: kind} for b in (1, 2) for kind in ("plane", "box")]
     panels = build_panels(Sweep([BASELINE, NOISE, KIND], ["cube"], ["mine"], rows(three)), "depth")
-    assert [panel.x.title for panel in panels] == ["baseline, mm", "sensor noise", "mesh kind"]
+    assert [panel.x.title for panel in panels] == ["baseline, mm", "sensor noise, of full scale", "mesh kind"]
     assert panels[2].x.names == ("plane", "box")
     assert not any(curve.joined for panel in panels for curve in panel.curves)
 

@@ -43,12 +43,12 @@ def test_words_name_the_largest_part_its_remedy_and_what_limits_then(found: Budg
 @pytest.mark.parametrize(
     ("signal", "words"),
     [
-        (0.5, "combined uncertainty 1.5 mm per frame RMS, true value 3 mm per frame."),
+        (0.5, "combined uncertainty 1.5 mm/frame RMS, true value 3 mm/frame."),
         (
             5.0,
-            "not measurable: the combined uncertainty, 1.5 mm per frame RMS, is 5 times the true value of 0.3 mm per",
+            "not measurable: the combined uncertainty, 1.5 mm/frame RMS, is 5 times the true value of 0.3 mm/frame",
         ),
-        (2000.0, "combined uncertainty 1.5 mm per frame RMS. "),
+        (2000.0, "combined uncertainty 1.5 mm/frame RMS. "),
     ],
 )
 def test_an_uncertainty_above_the_true_value_is_named(found: Budget, signal: float, words: str) -> None:

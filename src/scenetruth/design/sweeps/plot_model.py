@@ -62,14 +62,19 @@ class SweepCurve:
 
 @dataclass(frozen=True)
 class SweepMap:
-    """A statistic over two factors; ``cells`` are (x, y, value, low, high, bound), NaN where missing."""
+    """A statistic over two factors; ``cells`` are (x, y, value, low, high, bound), NaN where missing.
+
+    ``levels``: All levels of both factors, also those without a value.
+    """
 
     cells: tuple[tuple[Place, Place, float, float, float, float], ...]
     is_grid: bool
+    levels: tuple[tuple[Place, ...], tuple[Place, ...]] = ((), ())
 
     def names(self, *, along_x: bool) -> list[str]:
         """Return the labels of the columns or rows of a grid: numbers ascending, other labels in their order."""
-        places = list(dict.fromkeys(cell[0] if along_x else cell[1] for cell in self.cells))
+        own = self.levels[0] if along_x else self.levels[1]
+        places = list(dict.fromkeys([*own, *(cell[0] if along_x else cell[1] for cell in self.cells)]))
         numbers = [place for place in places if not isinstance(place, str)]
         return list(map(format_place, sorted(numbers) if len(numbers) == len(places) else places))
 
@@ -264,6 +269,7 @@ def _over_two(
         )
         for row in own
     )
+    every = [tuple(dict.fromkeys(_place(axes[path], row.values[path]) for row in found.rows)) for path in axes]
     best = min(own, key=lambda row: abs(row.value))
     titles = title_parameters(found.factors)
     text = f"smallest {format_short(best.value)} at {describe_place(best)}"
@@ -273,7 +279,7 @@ def _over_two(
             _title(found, name),
             axes[first],
             axes[second],
-            map=SweepMap(cells, found.is_grid),
+            map=SweepMap(cells, found.is_grid, (every[0], every[1])),
             number=number.title,
             logarithmic=number.logarithmic,
             words=words,

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
-from scenetruth.design.parameter_words import title_parameters
+from scenetruth.design.parameter_words import parameter_unit, title_parameters
 from scenetruth.design.sweeps.factors import format_level
 from scenetruth.design.sweeps.plot_model import (
     PanelAxis,
@@ -23,13 +24,13 @@ from scenetruth.design.sweeps.plot_model import (
 )
 from scenetruth.design.sweeps.sweep_result import STATISTICS, Sweep, SweepRecord
 from scenetruth.html import COLOURS, render_page
-from scenetruth.number_format import UNDEFINED, format_interval, format_measured, format_number
+from scenetruth.number_format import UNDEFINED, format_interval, format_measured, format_number, format_unit
 from scenetruth.output import write_atomically
 from scenetruth.scoring import QUANTITIES, get_units
 from scenetruth.scoring.quantities import get_title
 from scenetruth.scoring.statistics import STATISTIC_TITLES
 
-__all__ = ["build_chart", "names_methods", "unit_text", "write_sweep_report"]
+__all__ = ["build_chart", "find_only_method", "names_methods", "write_sweep_report"]
 
 
 _SYMBOLS = ("circle", "square", "diamond", "cross", "x", "triangle-up", "star", "hexagon")
@@ -198,6 +199,9 @@ def write_sweep_report(found: Sweep, folder: str | Path, again: str = "") -> Pat
     statistics = [name for name in STATISTICS if any(key.split("|")[1] == name for key in charts)]
     region = choose_main_region(found)
     lines, titles = _lines(found, region), title_parameters(found.factors)
+    best, only = _find_best(found, region), ""
+    if names_methods(found) and (only := find_only_method([line[-1] for line in best])):
+        best = [line[:-1] for line in best]
     text = render_page(
         "scenetruth.design.sweeps",
         "sweep.html.j2",
@@ -210,10 +214,18 @@ def write_sweep_report(found: Sweep, folder: str | Path, again: str = "") -> Pat
         regions=sorted(regions, key=lambda one: one != region),
         statistic=_STATISTIC,
         region=region,
-        best=_find_best(found, region),
+        best=best,
+        only=only,
         per_frame=_INTERVAL in found.factors,
         result=_state_result(found, region),
-        best_columns=["quantity", "RMSE", "95 %", "unit", "at", *(["method"] if names_methods(found) else [])],
+        best_columns=[
+            "quantity",
+            "RMSE",
+            "95 %",
+            "unit",
+            "at",
+            *(["method"] if names_methods(found) and not only else []),
+        ],
         columns=[*titles.values(), *_COLUMNS],
         titles=titles,
         lines=lines[:_MOST_LINES],
@@ -246,7 +258,8 @@ def _values(found: Sweep) -> list[tuple[str, str]]:
         if all(isinstance(value, int | float) for value in values.values()):
             labels.sort(key=lambda label: float(values[label]))
         several = len(labels) > _MOST_VALUES
-        entries.append((path, f"{len(labels)} levels, {labels[0]} to {labels[-1]}" if several else ", ".join(labels)))
+        text = f"{len(labels)} levels, {labels[0]} to {labels[-1]}" if several else ", ".join(labels)
+        entries.append((path, f"{text} {parameter_unit(path)}".rstrip()))
     return entries
 
 
@@ -261,7 +274,7 @@ def _find_best(found: Sweep, region: str) -> list[list[str]]:
         where = describe_place(row)
         scene = f"{row.scene}: " if len(found.scenes) > 1 else ""
         method = [row.method] if names_methods(found) else []
-        lines.append([get_title(quantity), _number(row), _interval(row), unit_text(row.unit), scene + where, *method])
+        lines.append([get_title(quantity), _number(row), _interval(row), format_unit(row.unit), scene + where, *method])
     return lines
 
 
@@ -270,9 +283,9 @@ def names_methods(found: Sweep) -> bool:
     return len(found.methods) > 1 and "estimate.method" not in found.factors
 
 
-def unit_text(unit: str) -> str:
-    """Return a unit; a dash for a ratio."""
-    return UNDEFINED if unit in ("", "1") else unit
+def find_only_method(methods: Sequence[str]) -> str:
+    """Return the method of all rows of a table; empty if there are several."""
+    return methods[0] if len(set(methods)) == 1 else ""
 
 
 def _main_quantity(found: Sweep) -> str | None:

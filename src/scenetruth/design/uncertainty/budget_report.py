@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from scenetruth.design.uncertainty.simulation_runs import GROWTH
-from scenetruth.design.uncertainty.uncertainty_budget import unit_text
 from scenetruth.glossary import define_terms
 from scenetruth.html import Chart, HtmlCell, HtmlTable, plotly_script, script_json, template_environment
-from scenetruth.number_format import format_two_digits
+from scenetruth.number_format import format_two_digits, format_unit
 from scenetruth.output import write_atomically
 from scenetruth.scoring.quantities import get_title
 
@@ -140,7 +139,7 @@ def _draw(axis: Any, found: Budget, quantity: str, steps: list[WaterfallBar], re
     axis.invert_yaxis()
     axis.set_xlim(0, 1.16 * max(total.root_sum_square, total.simulated if math.isfinite(total.simulated) else 0))
     axis.xaxis.set_major_locator(MaxNLocator(6))
-    axis.set_title(f"{_heading(quantity)}, {unit_text(total.unit)}", loc="left", fontsize=11, pad=14)
+    axis.set_title(f"{_heading(quantity)}, {format_unit(total.unit)}", loc="left", fontsize=11, pad=14)
     for side in ("top", "right"):
         axis.spines[side].set_visible(False)
 
@@ -152,7 +151,7 @@ def make_waterfalls(found: Budget, region: str = "interior") -> list[Chart]:
 
 def _make_chart(found: Budget, quantity: str, region: str) -> Chart:
     total, steps = found.combined(quantity, region), compute_bars(found, quantity, region)
-    unit = unit_text(total.unit)
+    unit = format_unit(total.unit)
     # The simulation with all sources is a bar of its own: a line across the others would cover their numbers.
     sums = {"root sum of squares": total.root_sum_square}
     sums |= {"all sources, simulated": total.simulated} if math.isfinite(total.simulated) else {}
@@ -277,7 +276,7 @@ def write_page(found: Budget, folder: Path, region: str = "interior") -> Path:
         columns = [name for name in _COLUMNS if name != _FOR_SEEDS or of_seeds]
         lines = [[row[name] for name in columns] for row in rows]
         foot = [[HtmlCell(row.get(name, "")) for name in columns] for row in sums]
-        caption = f"{_heading(quantity)}, {unit_text(total.unit)}"
+        caption = f"{_heading(quantity)}, {format_unit(total.unit)}"
         tables.append(HtmlTable(f"parts-{quantity}", caption, columns, lines, foot=foot))
     waterfalls = make_waterfalls(found, region)
     bars = [bar for quantity in _shown_quantities(found, region) for bar in compute_bars(found, quantity, region)]

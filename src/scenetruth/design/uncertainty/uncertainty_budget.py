@@ -12,24 +12,18 @@ from scenetruth.design.uncertainty.contributions import CombinedUncertainty, Con
 from scenetruth.design.uncertainty.simulation_runs import GROWTH
 from scenetruth.design.uncertainty.source import Mitigation
 from scenetruth.errors import ArgumentError, Problem
-from scenetruth.number_format import format_two_digits
+from scenetruth.number_format import format_two_digits, format_unit
 from scenetruth.results import QuantityValue, Result, refuse_unknown
 from scenetruth.scoring.quantities import get_title
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Budget", "unit_text"]
+__all__ = ["Budget"]
 
 
-_UNITS = {"mm/frame": "mm per frame", "px/step": "px per step", "%/h": "% per hour"}
 _LEAST_NAMED_SHARE = 0.02  # a source with a smaller fraction of the sum of squares is not named
 _AGREE = 0.2  # largest relative difference between the root sum of squares and the simulated total that is not reported
-
-
-def unit_text(unit: str) -> str:
-    """Return a unit spelled out."""
-    return _UNITS.get(unit, unit)
 
 
 def summarise_budget(
@@ -50,7 +44,7 @@ def _summarise_quantity(
     everything: Sequence[Contribution], total: CombinedUncertainty, remedies: Mapping[str, Mitigation]
 ) -> str:
     quantity, parts = total.quantity, _usable(everything)
-    unit, title = unit_text(total.unit), get_title(quantity)
+    unit, title = format_unit(total.unit), get_title(quantity)
     if quantity == GROWTH:
         title = "Growth"
     if not math.isfinite(total.simulated):
@@ -82,7 +76,7 @@ def _summarise_quantity(
 
 def _describe_size(total: CombinedUncertainty) -> str:
     """Return the combined uncertainty and the true value, and whether the uncertainty exceeds it."""
-    unit, size = unit_text(total.unit), format_two_digits(total.value)
+    unit, size = format_unit(total.unit), format_two_digits(total.value)
     if total.quantity == "depth" or not total.signal > _NO_SIGNAL * total.value:
         return f"combined uncertainty {size} {unit} RMS"
     signal = f"{format_two_digits(total.signal)} {unit}"
@@ -103,7 +97,7 @@ def _usable(parts: Sequence[Contribution]) -> list[Contribution]:
 def _largest(parts: list[Contribution], total: CombinedUncertainty) -> list[str]:
     whole = sum(one.value**2 for one in parts)
     first, *others = parts
-    unit = unit_text(total.unit)
+    unit = format_unit(total.unit)
     size = f" ({first.size})" if first.size else ""
     sure = "" if math.isfinite(first.simulated) or first.cause in _METHOD_KINDS else ", as predicted"
     text = f"Largest contribution: {first.title}{size}, {format_two_digits(first.value)} {unit}{sure}"
@@ -133,7 +127,7 @@ def _describe_mitigation(
     # Scaled to the simulated total, as contributions may not be independent.
     after *= total.value / math.sqrt(sum(one.value**2 for one in parts))
     limits = max(left, key=lambda cause: left[cause])
-    unit = unit_text(total.unit)
+    unit = format_unit(total.unit)
     text = f"{_capital(remedy.words)} reduces it to {format_two_digits(after)} {unit}"
     if limits == first.cause:
         return text + "; it remains the largest contribution."
@@ -188,7 +182,7 @@ class Budget(Result):
     ...     print(sentence)
     Depth: combined uncertainty 0.37 mm RMS
     Largest contribution: sensor noise (0.4 % of full scale), 0.36 mm; then focal length 0.25
-    The mean of four images (sensor.noise_std: 0.002) reduces it to 0.26 mm; then focal length dominates (0.25).
+    The mean of four images (noise 0.2 % of full scale) reduces it to 0.26 mm; then focal length dominates (0.25).
     >>> part, total = found.contribution("focal_length", "depth"), found.combined("depth")
     >>> f"predicted {part.predicted:.2f} mm, simulated {part.simulated:.2f} mm of {total.simulated:.2f} mm"
     'predicted 0.25 mm, simulated 0.25 mm of 0.37 mm'

@@ -262,7 +262,7 @@ class TemporalNoiseSource(SensorSource):
         kinds = {effect.kind for effect in build_sensor_chain(scene.sensor).effects}
         if "gaussian_noise" in kinds:
             value = float(getattr(scene.sensor, "noise_std", 0.0)) / 2
-            field = f"sensor.noise_std: {value:g}" if value else "half the noise"
+            field = f"noise {100 * value:g} % of full scale" if value else "half the noise"
             return Mitigation(f"the mean of four images ({field})", {self.kind: 0.5})
         return Mitigation("the mean of four images, or four times the light and full well", {self.kind: 0.5})
 
@@ -340,7 +340,7 @@ class ShadingSource(UncertaintySource):
         """Return a method with a photometric model per image."""
         if scene.estimate.method == "refined":
             return Mitigation("uniform light from all sides (lighting: {ambient: 1})", {self.kind: 0.1})
-        words = "a method that models changes of illumination (estimate: {method: refined})"
+        words = "a method that models changes of illumination (method refined)"
         return Mitigation(words, {self.kind: 0.05, "brightness": 0.05, "slope": 0.01})
 
 

@@ -59,7 +59,7 @@ class DepthDiscontinuitySource(SurfaceSource):
         """Return a method with windows on one surface."""
         if scene.estimate.method == "refined":
             return None
-        return Mitigation("a method with windows on one surface (estimate: {method: refined})", {self.kind: 0.1})
+        return Mitigation("a method with windows on one surface (method refined)", {self.kind: 0.1})
 
 
 class MethodBiasSource(SurfaceSource):
@@ -79,4 +79,4 @@ class SlopeSource(SurfaceSource):
         """Return a method that fits slopes."""
         if scene.estimate.method == "refined":
             return None
-        return Mitigation("a method that fits slopes (estimate: {method: refined})", {self.kind: 0.01})
+        return Mitigation("a method that fits slopes (method refined)", {self.kind: 0.01})
