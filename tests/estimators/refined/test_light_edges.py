@@ -71,12 +71,12 @@ def test_changes_differ_from_noise_other_surfaces_and_motion(frames: int) -> Non
     within[:, 150:156] = 12.0
     zero, times = np.zeros((3, *between.shape)), np.full(between.shape, 10.0)
     seen = FrameDifferences(between > 0, between, within, zero, zero[:2], times)
-    found = seen.find_changed(frames, 1.0)
+    found = seen.find_changed(frames, 1.0, SIGMA_PX)
     assert found[:, 51:55].all()
     assert not found[:, 140:166].any()
     # Texture that is displaced by 0.01 px per frame, with a gradient of 400 times the noise, changes as much.
     tensor = np.stack([np.full(between.shape, 4e5), zero[0], zero[0]])
-    assert not replace(seen, tensor=tensor).find_changed(frames, 1.0).any()
+    assert not replace(seen, tensor=tensor).find_changed(frames, 1.0, SIGMA_PX).any()
     found[:, 45:61] = False
     assert found.mean() < 1e-4
 

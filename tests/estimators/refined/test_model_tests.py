@@ -121,3 +121,21 @@ def test_pixels_take_the_nearest_node() -> None:
     where = places.sum(axis=0) % 3 == 0
     np.testing.assert_array_equal(of_nearest_node(nodes, 4, where), found[:, where])
     assert at_nodes(blank_fit(np.zeros((15, 10, 15)), variances=True), 4).theta.shape == (15, 3, 4)
+
+
+def test_windows_that_noise_alone_moves_are_not_far(images: ImageStack) -> None:
+    """Standard deviations of the displacement in the farthest image follow from those of its parameters."""
+    state = PLANE.start()
+    theta = np.zeros((15, *images.shape))
+    theta[[0, 6, 9, 12]] = state
+    fit = blank_fit(theta, variances=True, element=False)
+    fit.residual[0], fit.residual[1] = 1e-6, 1.0
+    # The farthest frame is 4 away: a velocity error moves a point by 4 d times as much.
+    moved_px = np.linspace(0.0, 1.0, images.shape[1])
+    fit.theta[6] += moved_px / (4.0 * state[0])
+    std_px = 0.15
+    fit.variance[:] = 0.0
+    fit.variance[3] = (std_px * images.transfer / (4.0 * state[0])) ** 2
+    expected = np.broadcast_to(moved_px > np.hypot(0.1, 3.0 * std_px), images.shape)
+    np.testing.assert_array_equal(find_far(images, theta, fit, 3.0), expected)
+    np.testing.assert_array_equal(find_far(images, theta, fit), np.broadcast_to(moved_px > 0.1, images.shape))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from scenetruth.camera import Distortion
 from scenetruth.estimators.refined import (
     FIT_LIMITS,
     DefectFilteredFrames,
+    FrameEvidence,
     FramesNeeded,
     ImageStack,
     Region,
@@ -23,7 +25,9 @@ from scenetruth.estimators.refined import (
     find_hidden,
     margin_px,
     spread_regions,
+    withdraw_chance_results,
 )
+from scenetruth.indexing import centred_indices
 from scenetruth.schema import REASONS, make_recording
 from tests.helpers.nightly import nightly
 from tests.helpers.scanned_plane import ScannedPlane
@@ -135,6 +139,35 @@ def test_points_beyond_a_tile_occlude_those_within() -> None:
     # From the camera at -1 at time 0, the strip is displaced by 32 px relative to the plane: over columns 52 to 91.
     hidden = (found[0, 45] >> 3) & 1
     assert 28 <= np.count_nonzero(hidden) <= 30
+
+
+@pytest.mark.parametrize(
+    ("fitting", "violated", "valid", "swept", "left"),
+    [(100, 1000, 90, 300, [2, 3, 1, 0]), (100, 1000, 60, 300, [2, 0, 1, 0]), (100, 2500, 90, 300, [0, 0, 0, 0])],
+)
+def test_frames_in_which_almost_nothing_fits_are_invalid_as_a_whole(
+    fitting: int, violated: int, valid: int, swept: int, left: list[int]
+) -> None:
+    status = np.array([[2, 3, 1, 0]], dtype=np.uint8)
+    maps: dict[str, Any] = {
+        "depth": np.where(status > 0, 5.0, np.nan),
+        "velocity": np.where(status == 2, 1.0, np.nan) * np.ones((3, 1, 1)),
+        "residual": np.ones(status.shape),
+        "motion_model": (status == 2).astype(np.uint8),
+        "status": status,
+        "valid": status == 2,
+        "status_disparity": np.array([[2, 3, 2, 0]], dtype=np.uint8),
+        "invalid_reason": np.zeros(status.shape, dtype=np.uint8),
+    }
+    withdraw_chance_results(maps, FrameEvidence(fitting, violated, valid, swept))
+    expected = np.array([left])
+    np.testing.assert_array_equal(maps["status"], expected)
+    np.testing.assert_array_equal(maps["status_disparity"] > 0, expected > 0)
+    np.testing.assert_array_equal(np.isfinite(maps["depth"]), expected > 0)
+    np.testing.assert_array_equal(np.isfinite(maps["velocity"][0]), expected == 2)
+    np.testing.assert_array_equal(maps["valid"], expected == 2)
+    np.testing.assert_array_equal(maps["motion_model"], expected == 2)
+    assert (maps["residual"] == 1.0).all()
 
 
 def _in_both(recording: xr.Dataset, **settings: Any) -> tuple[xr.Dataset, xr.Dataset]:
@@ -257,3 +290,26 @@ def test_poses_are_those_of_the_whole_image() -> None:
     for each in found:
         np.testing.assert_allclose(each, expected, atol=0.02)
     np.testing.assert_allclose(found[0], found[1], atol=5e-3)
+
+
+@nightly
+@pytest.mark.usefixtures("limits")
+def test_surfaces_that_move_unevenly_are_the_same_in_tiles() -> None:
+    """The right half of the images moves by 0.15 mm (standard deviation) around its path: 0.3 px between frames."""
+    generator = np.random.default_rng(5)
+    away = {t: generator.normal(0.0, 0.15, 2) for t in centred_indices(5)}
+    images = np.empty((3, 5, *PLANE.size))
+    for i, x_mm in enumerate(PLANE.baseline_mm * centred_indices(3)):
+        for j, t in enumerate(centred_indices(5)):
+            off = away[t] / t if t else np.zeros(2)
+            velocity = PLANE.velocity_mm[0] + off[0], PLANE.velocity_mm[1] + off[1], PLANE.velocity_mm[2]
+            uneven = replace(PLANE, velocity_mm=velocity, seed=3)
+            images[i, j] = PLANE.image((x_mm, 0.0), t)
+            images[i, j, :, 110:] = uneven.image((x_mm, 0.0), t)[:, 110:]
+    images += generator.normal(0.0, 0.01, images.shape)
+    recording = make_recording(images, PLANE.focal_px, PLANE.baseline_mm)
+    whole, tiled = _in_both(recording, frames="all", window_frames=3, noise="estimated")
+    # Motions at the limit of what noise reveals differ.
+    for name in ("status", "invalid_reason", "motion_model", "surface_model"):
+        assert np.mean(whole[name].values != tiled[name].values) < 5e-3
+    assert 0.3 < np.mean(whole["status"].values == 2) < 0.7

@@ -70,7 +70,7 @@ if TYPE_CHECKING:
         spline_transfer,
     )
     from scenetruth.estimators.refined.other_views import OtherViews, match_views
-    from scenetruth.estimators.refined.output_maps import find_open_blanks
+    from scenetruth.estimators.refined.output_maps import FrameEvidence, find_open_blanks, withdraw_chance_results
     from scenetruth.estimators.refined.pixel_defects import (
         DefectFilteredFrames,
         fill_defects,
@@ -119,6 +119,7 @@ __all__ = [
     "Elimination",
     "Fit",
     "FrameDifferences",
+    "FrameEvidence",
     "FramesNeeded",
     "GreyVariance",
     "GrowthComparison",
@@ -224,6 +225,7 @@ __all__ = [
     "straightened",
     "undistort",
     "with_bias",
+    "withdraw_chance_results",
 ]  # fmt: skip
 
 __getattr__, __dir__ = export_lazily(
@@ -258,7 +260,7 @@ __getattr__, __dir__ = export_lazily(
             "EVEN GreyVariance estimate_variance photon_transfer_variance resampled_transfer spline_transfer"
         ),
         "other_views": "OtherViews match_views",
-        "output_maps": "find_open_blanks",
+        "output_maps": "FrameEvidence find_open_blanks withdraw_chance_results",
         "pixel_defects": "DefectFilteredFrames fill_defects find_dead_pixels find_saturated_runs spread_defects",
         "pose_consistency": "maximise_likelihood",
         "pose_corrections": (

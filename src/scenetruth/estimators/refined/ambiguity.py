@@ -23,10 +23,10 @@ from scenetruth.estimators.refined.image_stack import NO_DEFECTS, ImageStack
 from scenetruth.estimators.refined.kernels.ambiguity import add_similarity, compare_windows
 from scenetruth.estimators.refined.mean_image import MeanImage
 from scenetruth.estimators.refined.rival_comparison import SAME, ImageComparison, MeanComparison, find_equal_rivals
-from scenetruth.estimators.refined.row_bands import NO_OCCLUSION, around, window_weights
+from scenetruth.estimators.refined.row_bands import NO_OCCLUSION, around, mark_mostly, window_weights
 from scenetruth.threads import in_threads
 
-__all__ = ["SEARCHED_PX", "find_ambiguous", "find_chance_fits", "image_motion", "mark_mostly"]
+__all__ = ["SEARCHED_PX", "find_ambiguous", "find_chance_fits", "image_motion"]
 
 SEARCHED_PX = 17
 """Largest change of motion that is tested along each axis, in px per frame: the range of the motion search, and one."""
@@ -153,17 +153,6 @@ def find_ambiguous(
         with np.errstate(invalid="ignore"):
             found |= np.hypot(*image_motion(images, theta)) > max_motion_px
     return found & where
-
-
-def mark_mostly(flags: Mask, tested: Mask, size: int, least: float = 0.5) -> Mask:
-    """Return where most of the tested neighbours are ambiguous: by chance, noise distinguishes some of them.
-
-    ``size``: Side length of the neighbourhood in px. ``least``: Share of ambiguous neighbours.
-    """
-    from scipy.ndimage import uniform_filter
-
-    share, all_of_them = (uniform_filter(each.astype(np.float64), size) for each in (flags & tested, tested))
-    return np.asarray(tested & (share > least * all_of_them))
 
 
 def find_chance_fits(violated: Mask, tested: Mask, sigma_px: float) -> Mask:

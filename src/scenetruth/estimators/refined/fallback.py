@@ -79,7 +79,6 @@ _BESIDE_PX, _DIFFERS, _AGREES = 4, 2.0, 0.3
 _UNLIKE_FROM, _UNLIKE = 1.0, np.array([0.0, 0.05, 0.3])
 _CONTRADICTION_PX = 1.0  # per step
 _CLEAR_OF_ZERO_PX = 1.0  # smallest displacement in the farthest camera
-_LEAST_FITTED = 0.25  # smallest ratio of fitted to swept pixels: shuffled images reach a few percent
 # Windows in px for the texture of a pixel itself, and smallest ratio of its gradient to that of noise.
 _OWN_PX, _CLOSE_PX, _OWN_GRADIENT = 2.0, 1.0, 2.0
 
@@ -107,6 +106,8 @@ class FallbackValues:
     """In columns per step."""
     std: Map
     """Standard deviation, in columns per step."""
+    swept: Mask | None = None
+    """Textured pixels without a fit that have a disparity of the plane sweep."""
 
 
 def compute_fallback(
@@ -126,16 +127,14 @@ def compute_fallback(
     """
     swept = np.zeros_like(valid)
     if kind == "none" or len(images.positions) == 1:
-        return FallbackValues(swept, disparity, disparity)
+        return FallbackValues(swept, disparity, disparity, swept)
     frame, camera = images.reference()
     usable = images.usable(frame, camera)
     textured = _own_texture(images, noise, _OWN_PX)
     # Points at infinity have no depth.
     swept = start.known & ~valid & (np.abs(start.fields[0]) * images.farthest > _CLEAR_OF_ZERO_PX) & usable & textured
-    # If almost no pixel fits, the images are not of a single scene.
-    swept &= valid.sum() > _LEAST_FITTED * swept.sum()
     if kind == "plane_sweep":
-        return FallbackValues(swept & ~ambiguous, start.fields[0], np.full(images.shape, np.nan))
+        return FallbackValues(swept & ~ambiguous, start.fields[0], np.full(images.shape, np.nan), swept)
     grey, own_noise = images.reference_grey(), noise / images.channels**0.5
     texture = _own_texture(images, noise, _CLOSE_PX)
     areas = find_bare_areas(grey, own_noise, texture)
@@ -148,7 +147,7 @@ def compute_fallback(
     )
     given = sources.fitted | sources.swept
     if not given.any():
-        return FallbackValues(given, start.fields[0], np.zeros(images.shape))
+        return FallbackValues(given, start.fields[0], np.zeros(images.shape), swept)
     views = match_views(images, grey, sources.disparity, given)
     sources, unlike = recede(sources, grey, own_noise, views)
     found = fill_holes(grey, own_noise, sources, ~valid & usable, images.farthest)
@@ -161,7 +160,7 @@ def compute_fallback(
     clear = np.abs(found.disparity) * images.farthest > _CLEAR_OF_ZERO_PX
     rival = np.where(ambiguous, _UNSEEN_OF_AMBIGUOUS * spread, 0.0)
     found = replace(found, std=np.sqrt(found.std**2 + rival))
-    return replace(found, where=found.where & ~contradicted & clear)
+    return replace(found, where=found.where & ~contradicted & clear, swept=swept)
 
 
 def recede(sources: Sources, grey: Map, noise: float, views: OtherViews) -> tuple[Sources, NDArray[np.uint8]]:

@@ -39,11 +39,13 @@ from scenetruth.estimators.refined.neighbouring_motion import add_neighbouring_m
 from scenetruth.estimators.refined.noise_estimation import photon_transfer_variance
 from scenetruth.estimators.refined.output_maps import (
     CORRECTIONS,
+    FrameEvidence,
     compute_correction_maps,
     compute_maps,
     list_camera_counts,
     list_map_types,
     make_invalid_maps,
+    withdraw_chance_results,
 )
 from scenetruth.estimators.refined.pixel_defects import DefectFilteredFrames
 from scenetruth.estimators.refined.pose_consistency import PoseErrors, compare_with_stated, estimate_pose_errors
@@ -164,7 +166,8 @@ class FrameTask:
             errors = estimate_pose_errors([replace(found, fit=found.fit._replace(theta=theta))], settings)
         elif images.priors is not None:
             errors = compare_with_stated([found], found.cameras, settings)
-        maps = self._maps(found, beside, start, errors)
+        maps, evidence = self._maps(found, beside, start, errors)
+        withdraw_chance_results(maps, evidence.counted((slice(None), slice(None))))
         curved = round(float(found.curved.mean()), 4)
         return FrameEstimate(maps, self._corrections(found), found.images.left_out, errors, found.rounds, curved)
 
@@ -187,7 +190,7 @@ class FrameTask:
         types = list_map_types(self.reader.shape[1], len(images.times), settings, common=common)
         maps = {name: np.empty((*size, *images.shape), dtype=dtype) for name, (size, dtype) in types.items()}
         whole = FrameEstimate(maps, left_out=sample.images.left_out, errors=sample.errors)
-        curved = 0
+        curved, evidence = 0, FrameEvidence(0, 0, 0, 0)
         for number, tile in enumerate(self.tiles, 1):
             release_memory()
             region = tile.region
@@ -197,13 +200,15 @@ class FrameTask:
             beyond = None if wider is None else wider.stack(region, start.fields)
             found, beside = _fit(source.stack(region, start.fields, sample.images), own, settings, later, beyond)
             found = replace(found, cameras=sample.cameras)
-            made = self._maps(found, beside, own, sample.errors)
+            made, of_tile = self._maps(found, beside, own, sample.errors)
+            evidence = evidence.plus(of_tile.counted(tile.kept))
             for name, values in made.items():
                 maps[name][..., tile.inner.rows, tile.inner.columns] = values[(..., *tile.kept)]
             whole.rounds = max(whole.rounds, found.rounds)
             curved += int(found.curved[tile.kept].sum())
             whole.corrections = self._corrections(found)
-            del found, beside, made
+            del found, beside, made, of_tile
+        withdraw_chance_results(maps, evidence)
         whole.curved = round(curved / (images.shape[0] * images.shape[1]), 4)
         return whole
 
@@ -279,8 +284,8 @@ class FrameTask:
 
     def _maps(
         self, found: RefinedState, beside: DiscontinuityContext, start: InitialEstimate, errors: PoseErrors | None
-    ) -> dict[str, Any]:
-        """Return the maps of a region."""
+    ) -> tuple[dict[str, Any], FrameEvidence]:
+        """Return the maps of a region, and the pixels that decide on the whole frame."""
         calibration, region = self._calibration, found.images.region
         if calibration is not None and calibration.lens is not None and region is not None:
             calibration = replace(calibration, lens=calibration.lens[:, region.rows, region.columns])

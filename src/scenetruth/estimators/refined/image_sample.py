@@ -84,7 +84,8 @@ def sample_images(
             if moved < settings.tolerance_px:
                 break
             states = _fit(source, regions, start, plain, settings)
-    else:
+    of_plain = _common_noise([each.fit.residual[0] for each in states], _common_limit(states))
+    if cameras is None:
         states = [with_measured_noise(refit_motion_models(each, settings), settings) for each in states]
         states = [estimate_systematic_errors(each, settings)[0] for each in states]
     left_out = find_inconsistent_of_regions([(each.images.without(()), _finite(each)) for each in states], sigma)
@@ -97,7 +98,7 @@ def sample_images(
     elif cameras is not None:
         errors = compare_with_stated(states, cameras, settings)
     found = plain.without(left_out)
-    return ImageSample(replace(found, variance=variance, noise=noise), cameras, errors)
+    return ImageSample(replace(found, variance=variance, noise=noise, noise_of_plain=of_plain), cameras, errors)
 
 
 def _fit(
@@ -122,9 +123,9 @@ def _noise(
 ) -> tuple[GreyVariance, float]:
     """Return the noise variance as a function of the grey value, and the residual of windows that fit well."""
     squares = [each.noise_residual for each in states]
-    limit = float(np.median([each.images.noise_limit for each in states]))
+    limit = _common_limit(states)
     if settings.noise != "estimated" or states[0].images.demosaiced is not None:
-        return variance, min(estimate_noise(np.sqrt(np.concatenate([each.ravel() for each in squares]))), limit)
+        return variance, _common_noise(squares, limit)
     greys = [local_means(each.images.reference_grey()) for each in states]
     own = [each.images.variance.at(grey) for each, grey in zip(states, greys, strict=True)]
     of_pixels = [each.seen.square * level for each, level in zip(states, own, strict=True)]
@@ -133,4 +134,13 @@ def _noise(
     )
     # Residuals are relative to the variance of their region.
     scaled = [square * level / found.at(grey) for square, level, grey in zip(squares, own, greys, strict=True)]
-    return found, min(estimate_noise(np.sqrt(np.concatenate([each.ravel() for each in scaled]))), limit)
+    return found, _common_noise(scaled, limit)
+
+
+def _common_noise(squares: Sequence[Map], limit: float) -> float:
+    """Return the residual of windows that fit well, of all regions."""
+    return min(estimate_noise(np.sqrt(np.concatenate([each.ravel() for each in squares]))), limit)
+
+
+def _common_limit(states: Sequence[RefinedState]) -> float:
+    return float(np.median([each.images.noise_limit for each in states]))

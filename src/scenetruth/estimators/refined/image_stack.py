@@ -158,6 +158,7 @@ class ImageStack:
       none.
     ``noise``: Residual of windows that fit well; None if it is estimated from those of this stack. If it is given, so
       are the excluded images and ``variance``: all are properties of whole images, from a sample of them.
+    ``noise_of_plain``: The same of the plain motion model, before others are fitted.
     ``noise_limit``: Largest residual of windows that fit well.
     ``noise_share``: Variance of the noise after a resampling of the images, relative to that before, at the pixels of
       the whole image: mean over all images, and that of the reference, shape (2, y, x); None for images as recorded.
@@ -181,6 +182,7 @@ class ImageStack:
     region: Region | None = None
     origin: Map | None = None
     noise: float | None = None
+    noise_of_plain: float | None = None
     beside: tuple[Region, Map] | None = None
     noise_limit: float = math.inf
     noise_share: Map | None = None
@@ -440,12 +442,15 @@ class ImageStack:
         """Return the mean grey value of the reference."""
         return float(np.mean([self.grey(*self.reference(), channel) for channel in range(self.channels)]))
 
-    def residual_noise(self, square: NDArray[Any]) -> float:
+    def residual_noise(self, square: NDArray[Any], *, of_plain: bool = False) -> float:
         """Return the residual of windows that fit well, from the mean square residuals of windows.
 
         It is at least the rounding of the images: blank parts of images without noise have no residual.
+
+        ``of_plain``: Whether the residuals are those of the plain motion model, before others are fitted.
         """
-        found = estimate_noise(np.sqrt(square)) if self.noise is None else self.noise
+        given = self.noise_of_plain if of_plain else self.noise
+        found = estimate_noise(np.sqrt(square)) if given is None else given
         if math.isnan(found):
             return found
         frame, camera = self.reference()

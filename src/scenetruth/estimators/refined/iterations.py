@@ -13,6 +13,7 @@ from scenetruth.estimators.method_settings import LEAST_ACCELERATED, RefinedSett
 from scenetruth.estimators.refined.fit_maps import (
     STEADY_PLACES,
     blank_fit,
+    chosen_fit,
     differ,
     every_nth,
     extract_fields,
@@ -194,8 +195,11 @@ def refine(
 def _limit_noise(images: ImageStack, state: Map, settings: RefinedSettings) -> float:
     """Return the largest plausible residual of windows that fit well: that of the cameras of one frame, with a margin.
 
-    If the motion of most of the image is no candidate, residuals over all frames are no measure of the noise.
+    If the motion of most of the image is no candidate, residuals over all frames are no measure of the noise. A given
+    noise is limited already.
     """
+    if images.noise is not None:
+        return images.noise_limit
     still = images.within(0.0)
     if still.count < _LEAST_STILL or len(images.times) == 1:
         return np.inf
@@ -239,6 +243,11 @@ class FinalIteration:
     """Residual and gradient of every pixel by itself."""
     uneven: NDArray[np.bool_]
     """As in `RefinedState`."""
+
+    def replaced(self, where: NDArray[np.bool_], other: FinalIteration) -> FinalIteration:
+        """Return the result of another iteration in a mask, else this one."""
+        fit, uneven = chosen_fit(where, other.fit, self.fit), np.where(where, other.uneven, self.uneven)
+        return FinalIteration(fit, self.seen.chosen(where, other.seen), uneven)
 
 
 def fit_final(

@@ -78,12 +78,19 @@ class FrameDifferences:
         known, squares = np.zeros(shape, dtype=np.bool_), np.full(shape, np.sum((times - times.mean()) ** 2))
         return cls(known, np.zeros(shape), np.zeros(shape), np.zeros((3, *shape)), np.zeros((2, *shape)), squares)
 
-    def find_changed(self, frames: int, noise: float) -> Mask:
-        """Return the pixels whose light has changed between the frames, at a noise of the images."""
+    def find_changed(self, frames: int, noise: float, sigma: float) -> Mask:
+        """Return the pixels whose light has changed between the frames, at a noise of the images.
+
+        ``sigma``: Standard deviation of the windows: an edge of light is steeper than the texture around it.
+        """
         limit = 1.0 + (_CHANGED - 1.0) * math.sqrt((_FRAMES - 1) / min(frames - 1, _FRAMES - 1))
         between, within = (local_means(np.where(self.known, each, 1.0)) for each in (self.between, self.within))
         gradient = local_means(self.tensor[0] + self.tensor[2])
-        gradient = np.minimum(gradient, np.median(gradient[self.known])) if self.known.any() else gradient
+        usual, known = (
+            gaussian_mean(each, _WIDER * sigma, _CUT)
+            for each in (np.where(self.known, gradient, 0.0), self.known.astype(np.float64))
+        )
+        gradient = np.minimum(gradient, usual / np.maximum(known, 1e-9))
         square = (between - within) * noise**2 * (frames - 1) / self.times
         changed = (between > limit) & (between > _OF_FRAME * within)
         return np.asarray(self.known & changed & (square > _DISPLACED_PX**2 * gradient))
@@ -111,7 +118,7 @@ def add_light_edges(refined: RefinedState, settings: RefinedSettings) -> Refined
     weights = window_weights(sigma)[0, 0] if settings.photometric_model == "per_image" else None
     near = around(left, 2 * reach)
     seen = _compare_frames(images, np.where(near, fields, np.nan), weights, noise)
-    changed = seen.find_changed(frames, noise)
+    changed = seen.find_changed(frames, noise, sigma)
     share = gaussian_mean(changed.astype(np.float64), _WIDER * sigma, _CUT)
     edges = changed & ~unsteady & ~apart & (share < _MOST_CHANGED)
     if not edges.any():

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scenetruth.estimators.refined.fit_maps import accelerated, blank_fit, extract_fields
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.kernels.pixel_equations import PRODUCTS
+from scenetruth.estimators.refined.kernels.warp import STEADY
 from scenetruth.estimators.refined.kernels.window_solver import ALL, EVERY_VARIANCE, FULL, Fit, Model
 from scenetruth.estimators.refined.kernels.window_sums import NO_MODEL, solve_rows
 from scenetruth.estimators.refined.row_bands import FrameSubset, RowBand, around, bands, pieces, window_weights
@@ -31,6 +32,7 @@ __all__ = ["Alternative", "Linearisation", "at_nodes", "enlarged", "find_far", "
 _LEAST_SHARE = 0.5  # smallest valid fraction of a window
 # Largest step of a linear fit, as a displacement in any image: the error of a step is of second order.
 _LINEAR_PX = 0.1
+_OF_FIELDS = [0, 3, 4, 5]  # variances of d, q_X, q_Y and q_Z
 _LEAST_SQUARE = 3  # smallest side of an area in nodes
 _MOST_NEEDED = 0.02  # largest fraction of all nodes that an area must have, for small images
 
@@ -178,15 +180,22 @@ def of_nearest_node(values: NDArray[Any], step: int, where: Mask) -> NDArray[Any
     return np.asarray(values[(..., *places)])
 
 
-def find_far(images: ImageStack, state: Map, fit: Fit) -> Mask:
+def find_far(images: ImageStack, state: Map, fit: Fit, deviations: float = 0.0) -> Mask:
     """Return textured windows from which the step to a fit is too large to be linear.
 
     ``images``: Those of the fit.
     ``state``: Parameters at which the fit was linearised, at the same windows.
+    ``deviations``: Standard deviations of the fit by noise up to which larger steps are not far either.
     """
     before = accelerated(state) if len(fit.theta) == ALL else state[:FULL]
     noise = np.sqrt(fit.residual[0]) / images.transfer
     clear = images.is_textured(fit.residual[1], noise)
     with np.errstate(invalid="ignore"):
-        far = ~(images.moved_px(extract_fields(before), extract_fields(fit.theta)) <= _LINEAR_PX)
+        fields = extract_fields(fit.theta)
+        limit: Map | float = _LINEAR_PX
+        if deviations > 0.0:
+            by_noise = np.zeros_like(fields)
+            by_noise[:STEADY] = deviations * np.sqrt(fit.variance[_OF_FIELDS]) / images.transfer
+            limit = np.hypot(_LINEAR_PX, images.moved_px(fields, fields + by_noise))
+        far = ~(images.moved_px(extract_fields(before), fields) <= limit)
     return np.asarray(far & clear & np.isfinite(fit.theta[0]))

@@ -46,7 +46,7 @@ from scenetruth.estimators.refined.model_tests import (
     find_far,
     large_areas,
 )
-from scenetruth.estimators.refined.row_bands import around, window_weights
+from scenetruth.estimators.refined.row_bands import around, mark_mostly, window_weights
 from scenetruth.estimators.refined.systematic_error import list_alternatives
 from scenetruth.estimators.refined.velocity_curvature import smooth_velocity
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_AFFINE, MOTION_PLAIN
@@ -69,8 +69,9 @@ _MOST = 9.0  # largest squared change of a pixel, in multiples of its noise, so 
 _OTHER_NOISE = 1.02  # ratio by which the residual of a subset of the images may exceed that of all images by chance
 _MUCH_LESS = 0.5  # ratio of mean square residuals, after to before
 _SETTLED_PX = 0.1  # largest displacement of points in the last iteration, over all images
-# Largest number of iterations of a plane before others are tried, and fraction of the pixels that may not converge.
-_ROUNDS, _MOST_FAR = 4, 0.02
+# Largest number of iterations of a plane before others are tried; fraction of the pixels that may not converge, and
+# side of the surroundings in which they are counted, in units of the window's σ.
+_ROUNDS, _MOST_FAR, _AROUND = 4, 0.02, 8
 _FINAL_ROUNDS = 3  # largest number of last iterations
 _NEARLY_ALL = 0.75  # fraction of the surroundings: a straight border between two motions has half, its corner 0.75
 _ACCELERATIONS = 2  # number of frame spans tested for an acceleration
@@ -205,14 +206,21 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
             affine = smooth if models[0].gradient == _AFFINE else None
             first, bent, chosen = fit_surface(motion.images, begun, models, settings, where, affine)
             begun = np.where(where & is_valid_step(theta, first), first, begun)
+            last, left, size = None, where, _AROUND * round(sigma) + 1
+            settled, far = np.zeros((2, *where.shape), dtype=np.bool_)
             for _ in range(_FINAL_ROUNDS):
-                last = fit_final(motion.images, begun, models, settings, chosen, affine)
-                theta = np.where(where & is_valid_step(theta, last.fit.theta), last.fit.theta, theta)
+                of_left = np.where(left, chosen, NO_MODEL).astype(np.int8)
+                now = fit_final(motion.images, begun, models, settings, of_left, affine)
+                theta = np.where(left & is_valid_step(theta, now.fit.theta), now.fit.theta, theta)
                 with np.errstate(invalid="ignore"):
-                    settled = images.moved_px(extract_fields(begun), extract_fields(last.fit.theta)) < _SETTLED_PX
-                if (where & ~settled).sum() <= _MOST_FAR * where.sum():
+                    moved = images.moved_px(extract_fields(begun), extract_fields(now.fit.theta))
+                    settled, far = np.where(left, (moved < _SETTLED_PX, moved >= _SETTLED_PX), (settled, far))
+                last = now if last is None else last.replaced(left, now)
+                left = mark_mostly(far, where, size, _MOST_FAR)
+                if not left.any():
                     break
-                begun = np.where(around(where, round(_MARGIN * reach)), theta, np.nan)
+                begun = np.where(around(left, round(_MARGIN * reach)), theta, np.nan)
+            assert last is not None
 
             def take(other: Mask, last: FinalIteration = last, bent: Mask = bent) -> None:
                 nonlocal seen, uneven, curved
@@ -226,7 +234,7 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
                 growth = compare_growth(refined.fit, fit, sigma, where, images.transfer).significant
             yield MotionModelTrial(fit, motion.images is images, take, growth)
 
-    noise = settings.max_residual_ratio * images.residual_noise(refined.fit.residual[0])
+    noise = settings.max_residual_ratio * images.residual_noise(refined.fit.residual[0], of_plain=True)
     fit, which = choose_motion_model(
         refined.fit, trials(state), tried, sigma, noise, at.step, noise_ratio=images.noise_ratio
     )
@@ -358,7 +366,8 @@ def _iterate(
     whole, single = among
     reach = window_weights(richer[0].settings.window_sigma_px).shape[2] // 2
     smooth = at.smooth if at.smooth is not None else np.full((3, *refined.images.shape), np.nan)
-    noise = richer[0].settings.max_residual_ratio * refined.images.residual_noise(refined.fit.residual[0])
+    noise = refined.images.residual_noise(refined.fit.residual[0], of_plain=True)
+    noise *= richer[0].settings.max_residual_ratio
     nodes = slice(None, None, at.step), slice(None, None, at.step)
     sigma = richer[0].settings.window_sigma_px / at.step
     simpler, theta, promising = at_nodes(refined.fit, at.step), at.state, []
@@ -393,17 +402,19 @@ def _iterated(
     models, theta = select_models(motion.images, motion.settings), motion.begun(theta)
     sigma, gains = motion.settings.window_sigma_px, motion.settings.photometric_model == "per_image"
     fitted = partial(fit_round, motion.images, models=models, sigma_px=sigma, gains=gains, coarse=True)
-    near = around(where, round(_MARGIN * (window_weights(sigma).shape[2] // 2)))
+    margin, left = round(_MARGIN * (window_weights(sigma).shape[2] // 2)), where
     # A plane first: apparent curvature may be motion. The residual is pure noise only if both are fitted.
-    chosen = np.where(where, 0, NO_MODEL).astype(np.int8)
     for _ in range(_ROUNDS):
-        plane = fitted(np.where(near, theta, np.nan), chosen=chosen)[0]
-        sound = where & is_valid_step(theta, plane.theta)
+        chosen = np.where(left, 0, NO_MODEL).astype(np.int8)
+        plane = fitted(np.where(around(left, margin), theta, np.nan), chosen=chosen)[0]
+        sound = left & is_valid_step(theta, plane.theta)
         with np.errstate(invalid="ignore"):
             moved = motion.images.moved_px(extract_fields(theta), extract_fields(plane.theta)) > _SETTLED_PX
         theta = np.where(sound, plane.theta, theta)
-        if (sound & moved).sum() <= _MOST_FAR * sound.sum():
+        left = mark_mostly(moved, sound, _AROUND * round(sigma) + 1, _MOST_FAR)
+        if not left.any():
             break
+    near = around(where, margin)
     affine = smooth if models[0].gradient == _AFFINE else None
     chosen = np.where(where, refined.curved, NO_MODEL).astype(np.int8)
     fit = fitted(np.where(near, theta, np.nan), chosen=chosen, variances=_VARIANCES, smooth=affine)[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -11,7 +11,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from scenetruth.estimators.method_settings import RefinedSettings
 from scenetruth.estimators.refined.aliasing import enlarge_variances
-from scenetruth.estimators.refined.ambiguity import find_ambiguous, find_chance_fits, mark_mostly
+from scenetruth.estimators.refined.ambiguity import find_ambiguous, find_chance_fits
 from scenetruth.estimators.refined.aperture import ApertureContext, compute_normal_flow, find_aperture
 from scenetruth.estimators.refined.common_uncertainty import CalibrationUncertainty, compute_common_variance
 from scenetruth.estimators.refined.discontinuity_refit import FARTHEST, DiscontinuityContext
@@ -27,6 +27,7 @@ from scenetruth.estimators.refined.mean_image import find_outlines
 from scenetruth.estimators.refined.noise_estimation import spline_transfer
 from scenetruth.estimators.refined.pose_consistency import PoseErrors
 from scenetruth.estimators.refined.pose_corrections import PoseCorrections
+from scenetruth.estimators.refined.row_bands import mark_mostly
 from scenetruth.estimators.refined.systematic_error import sees_second_camera
 from scenetruth.schema.validity import compute_validity
 from scenetruth.schema.variables import (
@@ -40,11 +41,13 @@ from scenetruth.schema.variables import (
 
 __all__ = [
     "CORRECTIONS",
+    "FrameEvidence",
     "compute_correction_maps",
     "compute_maps",
     "list_camera_counts",
     "list_map_types",
     "make_invalid_maps",
+    "withdraw_chance_results",
 ]
 
 Map = NDArray[np.float64]
@@ -59,14 +62,16 @@ CORRECTIONS: Mapping[str, tuple[int, ...]] = {
 _SHIFT_PX = 0.25  # residuals up to those of a texture shift by this many px are not distinguished from noise
 _LARGEST_STD_PX = 0.5  # largest standard deviation of a valid disparity or flow, in px
 _CLEAR_OF_ZERO = 6.0  # smallest ratio of a valid disparity to its standard deviation
-# Smallest ratio of valid pixels to those that violate the model; below, all are invalid.
-_BY_CHANCE = 0.05
+# Smallest ratio of fitting pixels to those that violate the model; below, all are invalid. Smallest ratio of valid
+# pixels to those that have only a plane sweep; below, there is no fallback: shuffled images reach a few percent.
+_BY_CHANCE, _LEAST_FITTED = 0.05, 0.25
 # Number of images whose displacements exceed the unknowns by only two, so that residuals hardly reveal a wrong fit;
 # and the smaller shift that they may have, relative to that of more images: the interpolation of finest textures.
 _FEW_IMAGES, _SHIFT_OF_FEW = 4, 0.04
 _BORDER, _LOW_TEXTURE, _AMBIGUOUS, _MODEL_VIOLATION = (
     REASONS.index(name) for name in ("border", "low_texture", "ambiguous_match", "model_violation")
 )
+_EVERYWHERE = ("residual", "image_count")  # maps that have values everywhere
 _NONE, _CONSTANT, _PLANE, _CURVED = range(4)  # values of ``surface_model``
 # Standard deviation of windows at discontinuities, relative to that of full windows, and its smallest value in px.
 _SMALL_WINDOW, _SMALLEST_PX = 2 / 3, 1.5
@@ -147,6 +152,52 @@ def make_invalid_maps(
     return nothing
 
 
+class FrameEvidence(NamedTuple):
+    """Pixels on which the validity of a whole frame depends: masks of a region, or numbers."""
+
+    fitting: Any
+    """Pixels that agree with their fit."""
+    violated: Any
+    """Pixels that violate the model."""
+    valid: Any
+    """Pixels with valid output."""
+    swept: Any
+    """Textured pixels without valid output that have a disparity of the plane sweep."""
+
+    def counted(self, part: tuple[slice, slice]) -> FrameEvidence:
+        """Return the numbers of pixels in a part of the region."""
+        return FrameEvidence(*(int(np.count_nonzero(each[part])) for each in self))
+
+    def plus(self, other: FrameEvidence) -> FrameEvidence:
+        """Return the sums of two sets of numbers."""
+        return FrameEvidence(*(one + more for one, more in zip(self, other, strict=True)))
+
+
+def withdraw_chance_results(maps: dict[str, Any], found: FrameEvidence) -> None:
+    """Make the maps of a whole frame invalid if almost no pixel fits: those that do fit by chance.
+
+    Without a single scene, the images have no fallback either.
+
+    ``found``: Numbers of pixels.
+    """
+    if found.violated * _BY_CHANCE >= found.fitting:
+        withdrawn = maps["status"] != STATUS_INVALID
+    elif found.valid <= _LEAST_FITTED * found.swept:
+        withdrawn = maps["status"] == STATUS_FALLBACK
+    else:
+        return
+    if not withdrawn.any():
+        return
+    for name, values in maps.items():
+        if values.dtype.kind == "f" and name not in _EVERYWHERE:
+            values[..., withdrawn] = np.nan
+        elif name in ("surface_model", "motion_model"):
+            values[withdrawn] = 0
+        elif name.startswith("status"):
+            values[withdrawn] = STATUS_INVALID
+    maps |= compute_validity({"status": maps["status"], "invalid_reason": maps["invalid_reason"]})
+
+
 def compute_maps(
     images: ImageStack,
     refined: RefinedState,
@@ -157,8 +208,8 @@ def compute_maps(
     baseline_mm: float,
     calibration: CalibrationUncertainty | None = None,
     poses: PoseErrors | None = None,
-) -> dict[str, Any]:
-    """Return the maps of one frame.
+) -> tuple[dict[str, Any], FrameEvidence]:
+    """Return the maps of a region, and the pixels that decide on the whole frame.
 
     ``calibration``: Stated uncertainty, whose part of the standard deviations is returned; None if not stated.
     ``poses``: Pose errors that are not stated, or remain after correction; by default those of the corrections.
@@ -215,10 +266,11 @@ def compute_maps(
         reason[alone] = _BORDER
         known &= ~alone
         violated = known & (np.where(beside.where, ~beside.sound, left > limit) | (left > most))
-        # If almost no pixel fits, the others fit by chance.
+        # If almost no pixel around it fits, another one fits by chance.
         violated |= find_chance_fits(violated, known, settings.window_sigma_px)
         violated |= known & (False if refined.unresolved is None else refined.unresolved)
-        known &= ~violated & (violated.sum() * _BY_CHANCE < (known & ~violated).sum())
+        known &= ~violated
+        fitting = known.copy()
         reason[violated] = _MODEL_VIOLATION
         known, normal, ambiguous, aperture = _determined(shown, fit, beside, settings, step_px, usual, known, reason)
         found: dict[str, Any] = {"residual": left}
@@ -258,7 +310,6 @@ def compute_maps(
     fallback = compute_fallback(shown, start, known | normal, theta[0], usual, ambiguous, settings.fallback)
     rough = fallback.where
     order = np.where(refined.curved, _CURVED, _CONSTANT if settings.surface == "constant" else _PLANE)
-    # These maps have values everywhere.
     maps: dict[str, NDArray[Any]] = {
         "residual": left,
         "image_count": fit.images,
@@ -280,7 +331,8 @@ def compute_maps(
         if common is not None:
             relative_square += np.broadcast_to(common.depth, rough.shape)[rough]
         maps["depth_std"][rough] = maps["depth"][rough] * np.sqrt(relative_square)
-    return {name: maps[name].astype(dtype) for name, (_, dtype) in types.items()}
+    evidence = FrameEvidence(fitting, violated, known | normal, fallback.swept)
+    return {name: maps[name].astype(dtype) for name, (_, dtype) in types.items()}, evidence
 
 
 _NEARLY_ALL = 0.85  # share of undetermined pixels around a pixel from which on it is undetermined, too

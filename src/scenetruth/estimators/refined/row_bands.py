@@ -35,6 +35,7 @@ __all__ = [
     "even_images",
     "local_gradient",
     "local_means",
+    "mark_mostly",
     "pieces",
     "window_weights",
 ]
@@ -133,6 +134,21 @@ def around(where: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     from scipy.ndimage import maximum_filter
 
     return np.asarray(maximum_filter(where, 2 * reach + 1))
+
+
+def mark_mostly(
+    flags: NDArray[np.bool_], tested: NDArray[np.bool_], size: int, least: float = 0.5
+) -> NDArray[np.bool_]:
+    """Return where more than a share of the tested neighbours is flagged.
+
+    Statistics of a neighbourhood, unlike those of all pixels, do not depend on the tile.
+
+    ``size``: Side length of the neighbourhood in px. ``least``: Share of flagged neighbours.
+    """
+    from scipy.ndimage import uniform_filter
+
+    share, all_of_them = (uniform_filter(each.astype(np.float64), size) for each in (flags & tested, tested))
+    return np.asarray(tested & (share > least * all_of_them))
 
 
 def bands(

@@ -41,7 +41,7 @@ from scenetruth.estimators.refined.model_tests import (
     large_areas,
     of_nearest_node,
 )
-from scenetruth.estimators.refined.row_bands import around, window_weights
+from scenetruth.estimators.refined.row_bands import around, mark_mostly, window_weights
 from scenetruth.estimators.refined.surface_changes import fit_linear_changes
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_PLAIN
 
@@ -77,7 +77,9 @@ _WIDER = 2.0
 _FINER = 0.5  # relative width of the smaller windows
 _MOST_SHARE = 4.0  # largest extrapolation: biases of nearly equal spans differ by noise alone
 _SETTLED_PX = 0.05  # displacement of points below which a fit to fewer frames has converged
-_MOST_FAR = 0.02  # fraction of the windows that may be farther away: at discontinuities, some never converge
+# Fraction of the windows that may be farther away: at discontinuities, some never converge; and side of the
+# surroundings in which they are counted, in units of the window's σ.
+_MOST_FAR, _AROUND = 0.02, 8
 _ROUNDS = 4  # largest number of iterations of a fit to fewer frames
 # Sum of the variances of disparity and velocity, relative to noise, that fewer frames must reduce by this ratio: the
 # selection follows noise where both are alike.
@@ -604,14 +606,16 @@ def _converged(
     """Return parameters from which one iteration over fewer frames converges."""
     gains, models = settings.photometric_model == "per_image", select_models(part, settings)[:1]
     theta = accelerated(theta) if settings.accelerated else theta[:FULL]
-    wide = around(where, window_weights(sigma).shape[2] // 2)
+    reach, left = window_weights(sigma).shape[2] // 2, where
     for _ in range(_ROUNDS):
+        wide = around(left, reach)
         (fit,) = fit_round(part, np.where(wide, theta, np.nan), models, sigma, gains=gains, coarse=True)
         sound = wide & is_valid_step(theta, fit.theta)
         with np.errstate(invalid="ignore"):
             moved = part.moved_px(extract_fields(theta), extract_fields(fit.theta)) > _SETTLED_PX
         theta = np.where(sound, fit.theta, theta)
-        if (moved & sound & where).sum() <= _MOST_FAR * (sound & where).sum():
+        left = mark_mostly(moved, sound & left, _AROUND * round(sigma) + 1, _MOST_FAR)
+        if not left.any():
             break
     return theta
 

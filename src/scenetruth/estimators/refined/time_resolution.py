@@ -28,7 +28,7 @@ from scenetruth.estimators.refined.iterations import RefinedState
 from scenetruth.estimators.refined.kernels.window_solver import FULL, Fit
 from scenetruth.estimators.refined.lattice import sample_step
 from scenetruth.estimators.refined.model_tests import at_nodes, enlarged, find_far
-from scenetruth.estimators.refined.row_bands import around, window_weights
+from scenetruth.estimators.refined.row_bands import around, mark_mostly, window_weights
 from scenetruth.estimators.refined.systematic_error import (
     LARGEST_UNTESTED,
     OF_VELOCITY,
@@ -51,10 +51,16 @@ _MARGIN = 1.4
 # Share of the acceleration that is added if a single frame lies beyond: a harmonic motion is in line with it twice in a
 # period, when its acceleration is large.
 _OF_ACCELERATION = 0.1
-_MOST_LOST = 0.2  # fraction of windows that do not fit the frame, above which the motion to it is searched
+_MOST_LOST = 0.2  # fraction of windows around a window that do not fit the frame, above which the motion is searched
 # Scales of averaging in window widths: a local deviation shows at the first, a weak one of a whole surface at the last.
 _SCALES = (1.0, 4.0)
-_RESOLVED = 0.5  # fraction of the windows of a surface that must fit a frame beyond
+_MOST = 3.0  # largest change of a window in averages over more than its surroundings, in standard deviations
+# Fraction of the windows of a surface that must fit a frame beyond, and side of their surroundings in units of the
+# window's σ: a wider side would reach beyond the margins of tiles.
+_RESOLVED, _AROUND = 0.5, 8
+# Standard deviations of the noise of a fit up to which a motion to a frame beyond may differ from that of the fit.
+_BY_NOISE = 3.0
+_ROUNDING = 1e-9  # of shares of windows
 _SEARCHED_PX = 16.0
 _VELOCITY, _STEADY = slice(3, 6), 6  # velocity among the quantities, and number of variances before the acceleration
 
@@ -120,7 +126,7 @@ def check_time_resolution(
 ) -> RefinedState:
     """Return the fit with the errors of velocities that two or three frames determine, in its variances.
 
-    Pixels of surfaces that fit no frame beyond are marked as ``unresolved``.
+    Pixels around which most windows fit no frame beyond are marked as ``unresolved``.
 
     ``near``: Pixels to which smaller windows were fitted.
     ``images``: Images of all frames of the fit, and of frames beyond.
@@ -218,7 +224,7 @@ def _check(
     seen = np.logical_or.reduce([each.seen for each in found])
     # Residuals of more frames test the motion by themselves.
     lost = whole & enlarged(among & seen & ~tested, step, whole.shape) & few
-    unresolved = _unresolved(whole, pixels, lost) if pixels.any() else np.full(whole.shape, of_window or lost.any())
+    unresolved = _unresolved(whole, pixels, lost, sigma) if (pixels | lost).any() else np.full(whole.shape, of_window)
     refined = replace(refined, unresolved=_joined(refined.unresolved, where & unresolved))
     if not pixels.any():
         return refined
@@ -259,25 +265,41 @@ def _errors(used: Sequence[_Deviation], fitted: _Fitted, times: NDArray[np.float
         # Of a symmetric fit, only the part of the same symmetry is an error; otherwise zeros of the sum would hide it.
         places = [list(range(len(used)))] if symmetric else [[n] for n in range(len(used))]
         terms = [term(each, weights, chosen, of_fit, of_acceleration) for each in places]
-        squares = [
-            np.max([mean_change(*each, among, n * sigma, 1.0 / (1.0 + (2.0 * n) ** 2))[0] for n in _SCALES], axis=0)
-            for each in terms
-        ]
+        squares = [np.max([_square_at_scale(*each, among, n, sigma) for n in _SCALES], axis=0) for each in terms]
         parts.append(np.sum(np.sqrt(squares), axis=0))
     if len(used) == 1:
         parts[0][_VELOCITY] += _OF_ACCELERATION * np.abs(fitted.acceleration)
     return _MARGIN * np.concatenate(parts)
 
 
-def _unresolved(whole: Mask, tested: Mask, lost: Mask) -> Mask:
-    """Return the pixels, in the nearest one of whose surfaces most windows do not fit the frames beyond."""
-    from scipy.ndimage import distance_transform_edt, label
+def _square_at_scale(change: Map, noise: Map, among: Mask, scale: float, sigma: float) -> Map:
+    """Return the square of the systematic change at a scale, over which changes of single windows do not spread."""
+    if scale > 1.0:
+        with np.errstate(invalid="ignore"):
+            most = _MOST * np.sqrt(noise)
+            change = np.clip(change, -most, most)
+    return mean_change(change, noise, among, scale * sigma, 1.0 / (1.0 + (2.0 * scale) ** 2))[0]
 
+
+def _unresolved(whole: Mask, tested: Mask, lost: Mask, sigma: float) -> Mask:
+    """Return the pixels around which most windows of the same surface do not fit the frames beyond.
+
+    Pixels that no frame beyond tests have the result of the nearest one.
+    """
+    from scipy.ndimage import distance_transform_edt, find_objects, label, uniform_filter
+
+    size, bad, untested = _AROUND * round(sigma) + 1, np.zeros_like(whole), ~(tested | lost)
     surfaces, _ = label(whole)
-    fitting, failing = (np.bincount(surfaces[each], minlength=surfaces.max() + 1) for each in (tested, lost))
-    bad = (failing > 0) & (fitting < _RESOLVED * (fitting + failing))
-    nearest = distance_transform_edt(~whole, return_distances=False, return_indices=True)
-    return np.asarray(bad[surfaces[nearest[0], nearest[1]]])
+    for number, box in enumerate(find_objects(surfaces), 1):
+        own = surfaces[box] == number
+        if not (lost[box] & own).any():
+            continue
+        fitting, failing = (
+            uniform_filter((each[box] & own).astype(np.float64), size, mode="constant") for each in (tested, lost)
+        )
+        bad[box] |= own & (failing > _RESOLVED * (fitting + failing) + _ROUNDING)
+    nearest = distance_transform_edt(untested, return_distances=False, return_indices=True)
+    return np.asarray(bad[nearest[0], nearest[1]])
 
 
 def _acceleration(
@@ -316,13 +338,15 @@ def _deviation(
 
     def fitted(begun: Map) -> tuple[Fit, Mask]:
         theta, fit = fit_span(refined, group, pair, begun, where, (), sigma)
-        close = ~find_far(pair, theta[:, *nodes], fit)
+        # Where textures are weak, noise alone moves single windows far away.
+        close = ~find_far(pair, theta[:, *nodes], fit, _BY_NOISE)
         return fit, among & close & explained(fit.residual[0], fit.residual[1], noise)
 
     fit, fits = fitted(steady)
     seen = among & np.isfinite(fit.residual[0])
-    if (seen & ~fits).sum() > _MOST_LOST * max(int(seen.sum()), 1):
-        begun = _searched(pair, time, steady, fits, step)
+    lost = mark_mostly(seen & ~fits, seen, _AROUND * round(sigma / step) + 1, _MOST_LOST) & ~fits
+    if lost.any():
+        begun = _searched(pair, time, steady, lost, step)
         other, other_fits = fitted(begun)
         with np.errstate(invalid="ignore"):
             better = other_fits & (~fits | (other.residual[0] < fit.residual[0]))
@@ -333,8 +357,8 @@ def _deviation(
     return _Deviation(time, time * change, time**2 * made.variances, seen, fits)
 
 
-def _searched(pair: ImageStack, time: float, steady: Map, fits: Mask, step: int) -> Map:
-    """Return parameters with the motion to the other frame of an exhaustive search."""
+def _searched(pair: ImageStack, time: float, steady: Map, lost: Mask, step: int) -> Map:
+    """Return parameters with the motion to the other frame of an exhaustive search, for the nodes of a mask."""
     frame, camera = pair.reference()
     other = 1 - frame
     cameras = [n for n, s in enumerate(pair.positions) if s[1] == pair.positions[camera, 1]]
@@ -357,7 +381,7 @@ def _searched(pair: ImageStack, time: float, steady: Map, fits: Mask, step: int)
         return steady
     begun = steady.copy()
     velocity = fill_gaps(found.velocity, found.known) / abs(time)
-    replaced = ~enlarged(fits, step, steady.shape[1:])
+    replaced = enlarged(lost, step, steady.shape[1:])
     for place, values in zip(STEADY_PLACES[1:], velocity, strict=True):
         begun[place] = np.where(replaced, values, begun[place])
         begun[place + 1 : place + 3, replaced] = 0.0
