@@ -100,8 +100,8 @@ def _cut_pixels(
     nodes: NDArray[np.float64], weights: NDArray[np.float64], firsts: NDArray[np.int64],
     offsets: NDArray[np.float64], out: NDArray[np.float64], cells: NDArray[np.int32], fill: bool,
 ) -> None:  # fmt: skip
-    lines, bounds = np.empty((MOST_CUTS, 4)), np.empty(_MOST_BOUNDS)
-    cuts = np.empty(MOST_CUTS + 2)
+    lines, bounds = np.empty((MOST_CUTS, 4), dtype=np.float64), np.empty(_MOST_BOUNDS, dtype=np.float64)
+    cuts = np.empty(MOST_CUTS + 2, dtype=np.float64)
     for pixel in range(low, high):
         used = 0
         for edge in range(starts[pixel], starts[pixel + 1]):

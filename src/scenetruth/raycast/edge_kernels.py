@@ -119,7 +119,7 @@ def cut_segments(
     """
     most, total = 0, 0
     for n in chosen:
-        count = _cuts(first[n], last[n], enter[n], leave[n], piece, np.empty(0))
+        count = _cuts(first[n], last[n], enter[n], leave[n], piece, np.empty(0, dtype=np.float64))
         most, total = max(most, count), total + count - 1
     inverses = np.empty(total, dtype=np.float64)
     positions = np.empty((total, 2), dtype=np.float64)
@@ -128,10 +128,9 @@ def cut_segments(
     used = 0
     for n in chosen:
         count = _cuts(first[n], last[n], enter[n], leave[n], piece, scratch)
-        at = scratch[:count]
-        sort_first(at, count)
+        sort_first(scratch, count)
         for k in range(count - 1):
-            middle = (at[k] + at[k + 1]) / 2
+            middle = (scratch[k] + scratch[k + 1]) / 2
             inverses[used] = inverse_first[n] + middle * (inverse_last[n] - inverse_first[n])
             positions[used, 0] = first[n, 0] + middle * (last[n, 0] - first[n, 0])
             positions[used, 1] = first[n, 1] + middle * (last[n, 1] - first[n, 1])

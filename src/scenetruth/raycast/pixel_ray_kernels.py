@@ -112,9 +112,9 @@ def pixel_hits(
 @inlined
 def _touched(one: float, other: float, low: float, per_step: float, first: int, last: int) -> Any:
     """Return the first and last + 1 of the pixels, half a step around grid lines, between two places, in a range."""
-    start, end = (one - low) * per_step, (other - low) * per_step
+    start, end, least, most = (one - low) * per_step, (other - low) * per_step, float(first), float(last)
     start, end = min(start, end) - 0.5 - _MARGIN, max(start, end) + 0.5 + _MARGIN
-    return int(np.ceil(min(max(start, first), last))), int(np.floor(min(max(end, first - 1.0), last - 1.0))) + 1
+    return int(np.ceil(min(max(start, least), most))), int(np.floor(min(max(end, least - 1.0), most - 1.0))) + 1
 
 
 @inlined
@@ -171,7 +171,8 @@ def _pixel_hits(
     start, end = row_start[low], row_start[high]
     largest = 1.0 + abs(steps[0]) + abs(steps[2]) + width * abs(steps[1]) + grid.height * abs(steps[3])
     # First ray and column of each pixel with rays, and the number of such pixels before each pixel.
-    firsts, place_of, count, last = np.empty(end - start + 1, np.int32), np.empty(end - start + 1, np.int32), 0, 0
+    firsts, place_of = np.empty(end - start + 1, dtype=np.int32), np.empty(end - start + 1, dtype=np.int32)
+    count, last = 0, 0
     numbers = np.empty((high - low) * width + 1, dtype=np.int32)
     for n in range(start, end):
         if n == start or pixels[n] != pixels[n - 1]:
@@ -188,16 +189,21 @@ def _pixel_hits(
     firsts[count] = end
     # Blocks of pixels with rays: most faces touch none.
     blocks_across = (width - 1) // _BLOCK + 1
-    occupied = np.zeros(((high - low - 1) // _BLOCK + 1) * blocks_across, dtype=np.bool_)
+    # Zeros of further types take long to compile.
+    occupied = np.empty(((high - low - 1) // _BLOCK + 1) * blocks_across, dtype=np.int32)
+    for block in range(occupied.shape[0]):
+        occupied[block] = 0
     for number in range(count):
         row = pixels[firsts[number]] // width - low
-        occupied[row // _BLOCK * blocks_across + place_of[number] // _BLOCK] = True
+        occupied[row // _BLOCK * blocks_across + place_of[number] // _BLOCK] = 1
     per_column, per_row = 1.0 / steps[1], 1.0 / steps[3]
     # Faces that may touch a pixel, and the number of the pixel.
     space, used = 1024 + _FACES_PER_PIXEL * count, 0
     listed, place = np.empty(space, dtype=np.int32), np.empty(space, dtype=np.int32)
-    ends = np.zeros(count + 1, dtype=np.int32)
-    edges, near = np.empty((3, 4)), np.empty(forms.shape[0])
+    ends = np.empty(count + 1, dtype=np.int32)
+    for number in range(count + 1):
+        ends[number] = 0
+    edges, near = np.empty((3, 4), dtype=np.float64), np.empty(forms.shape[0], dtype=np.float64)
     for face in range(forms.shape[0]):
         if not boxes[face, LOW_V] <= boxes[face, HIGH_V]:
             continue
@@ -210,7 +216,7 @@ def _pixel_hits(
         found = False
         for row in range((top - low) // _BLOCK, (bottom - low - 1) // _BLOCK + 1):
             for column in range(left // _BLOCK, (right - 1) // _BLOCK + 1):
-                found = found or occupied[row * blocks_across + column]
+                found = found or occupied[row * blocks_across + column] != 0
         if not found:
             continue
         ready = False

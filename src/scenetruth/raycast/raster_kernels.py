@@ -271,13 +271,13 @@ def _hits_on_faces(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], origin: NDArray[np.float64],
     directions: NDArray[np.float64], face: NDArray[np.int32], depth: NDArray[np.float64], weights: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    form, ready = np.empty(FORMS), -1
+    form, ready = np.empty(FORMS, dtype=np.float64), -1
     for n in range(low, high):
         if face[n] < 0:
             depth[n], weights[n, 0], weights[n, 1] = np.nan, 0.0, 0.0
             continue
         if face[n] != ready:
-            ready = face[n]
+            ready = np.int64(face[n])
             write_forms(vertices, faces, ready, origin, form)
         dx, dy, dz = directions[n, 0], directions[n, 1], directions[n, 2]
         depth[n] = depth_on(form, dx, dy, dz)
@@ -366,9 +366,9 @@ def grid_hits(
 @inlined
 def _covered(one: float, other: float, low: float, step: float, first: int, last: int) -> Any:
     """Return the first and last + 1 of the grid lines between two places, within a range."""
-    start, end = (one - low) / step, (other - low) / step
+    start, end, least, most = (one - low) / step, (other - low) / step, float(first), float(last)
     start, end = min(start, end) - 2.0 * _GRID_MARGIN, max(start, end) + 2.0 * _GRID_MARGIN
-    return int(np.ceil(min(max(start, first), last))), int(np.floor(min(max(end, first - 1.0), last - 1.0))) + 1
+    return int(np.ceil(min(max(start, least), most))), int(np.floor(min(max(end, least - 1.0), most - 1.0))) + 1
 
 
 @subkernel()

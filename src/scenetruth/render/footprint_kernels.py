@@ -98,59 +98,45 @@ def _sample_raster(
             out[point] = gain * np.float64(linear_at(values, u, v, tiled)) + mean
 
 
-@kernel()
 def order_samples(
     order: NDArray[np.int64], pixels: NDArray[np.int64], starts: NDArray[np.int64], counts: NDArray[np.int64],
     offsets: NDArray[np.float64], weights: NDArray[np.float64], cells: NDArray[np.int32],
-) -> Any:  # fmt: skip
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]:  # fmt: skip
     """Return pixel, offset, weight and cell of the samples of pixels in an order.
 
     ``pixels``, ``starts``, ``counts``: Pixels, and the first and the number of the samples of each, shape (n,).
     """
-    count = weights.shape[0]
-    owner, new_cells = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int32)
-    new_offsets, new_weights, at = np.empty((count, 2)), np.empty(count), 0
-    for place in range(order.shape[0]):
-        n = order[place]
-        for sample in range(starts[n], starts[n] + counts[n]):
-            owner[at], new_weights[at], new_cells[at] = pixels[n], weights[sample], cells[sample]
-            new_offsets[at, 0], new_offsets[at, 1] = offsets[sample, 0], offsets[sample, 1]
-            at += 1
-    return owner, new_offsets, new_weights, new_cells
+    numbers = counts[order]
+    before = np.cumsum(numbers) - numbers
+    sample = np.repeat(starts[order] - before, numbers) + np.arange(len(weights))
+    return np.repeat(pixels[order], numbers), offsets.take(sample, axis=0), weights.take(sample), cells.take(sample)
 
 
-@kernel()
 def add_samples(
     counts: NDArray[np.int64], radiance: NDArray[np.float32], weights: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the means over pixels, each of a number of samples in turn."""
-    means, at = np.zeros(counts.shape[0]), 0
-    for n in range(counts.shape[0]):
-        for _ in range(counts[n]):
-            means[n] += np.float64(radiance[at]) * weights[at]
-            at += 1
-    return means
+    owner = np.repeat(np.arange(len(counts)), counts)
+    return np.bincount(owner, radiance * weights, len(counts))
 
 
-@kernel()
-def sort_by_body(face: NDArray[np.int32], face_body: NDArray[np.int32], count: int) -> Any:
+def sort_by_body(
+    face: NDArray[np.int32], face_body: NDArray[np.int32], count: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the indices of hits on the first body, then on the second, and so on, and the first place of each body.
 
     ``face``: Face of each hit, -1 for none. ``count``: Number of bodies.
     """
-    starts = np.zeros(count + 1, dtype=np.int64)
-    for n in range(face.shape[0]):
-        if face[n] >= 0:
-            starts[face_body[face[n]] + 1] += 1
-    for body in range(count):
-        starts[body + 1] += starts[body]
-    place, order = starts[:-1].copy(), np.empty(starts[count], dtype=np.int64)
-    for n in range(face.shape[0]):
-        if face[n] >= 0:
-            body = face_body[face[n]]
-            order[place[body]] = n
-            place[body] += 1
-    return order, starts
+    hits = np.flatnonzero(face >= 0)
+    if count > 1:
+        body = face_body.take(face.take(hits))
+        # Small integers are sorted by their digits.
+        body = body.astype(np.uint8) if count < 256 else body
+        hits = hits.take(np.argsort(body, kind="stable"))
+        numbers = np.bincount(body, minlength=count)
+    else:
+        numbers = np.array([len(hits)])
+    return hits, np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(numbers)])
 
 
 def sample_hits(
@@ -319,17 +305,21 @@ def _average_footprints(
     lit, known = light.by_lamp.shape[0] > 0, meeting.shape[0] > 0
     form = np.empty(FORMS, dtype=np.float64)
     # Faces with entries in the table, in rows by the last digits of their numbers.
-    table, faces_in = np.empty((_KNOWN, _ENTRIES), dtype=np.float64), np.full(_KNOWN, -1, dtype=np.int64)
+    table, faces_in = np.empty((_KNOWN, _ENTRIES), dtype=np.float64), np.empty(_KNOWN, dtype=np.int64)
+    for entry in range(_KNOWN):
+        faces_in[entry] = -1
     last = _KNOWN - 1
     reach = (np.float64(width), np.float64(rays.face.shape[0] // width)) if regular else (1.0, 1.0)
     most = 1
     for n in range(low, high):
         most = max(most, counts[n])
     # Texture coordinates and weights of the samples of a pixel.
-    us, vs, shares = np.empty(most), np.empty(most), np.empty(most)
+    us, vs = np.empty(most, dtype=np.float64), np.empty(most, dtype=np.float64)
+    shares = np.empty(most, dtype=np.float64)
     for n in range(low, high):
         pixel = pixels[n]
-        face = rays.face[pixel]
+        # Of one type from the first use on: kernels are compiled for every combination of types.
+        face = np.int64(rays.face[pixel])
         body = face_body[face]
         # Where intersections are determined, the pixels around matter for few faces.
         alone = _alone(mesh, rays, pixel, face) if not known or meeting[face] else True
@@ -382,7 +372,7 @@ def _average_footprints(
                         place = (offsets[first + sample, 0], offsets[first + sample, 1], from_right, from_below)
                         to_left = _passes_left(rays, pixel, place, vertices[faces[face, corner]])
                         edge = (corner + 2) % 3 if side * to_left > 0.0 else corner
-                    face = neighbours[face, edge]
+                    face = np.int64(neighbours[face, edge])
                     if face < 0 or face_body[face] != body:
                         break
                     row = np.uint64(face & last)

@@ -65,8 +65,10 @@ def _surface_tensors(
     out: NDArray[np.float64],
 ) -> None:  # fmt: skip
     rows = (x, y, z)
-    one, two, normal, turning = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    rate_one, rate_two, dual_one, dual_two = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    one, two = np.empty(3, dtype=np.float64), np.empty(3, dtype=np.float64)
+    normal, turning = np.empty(3, dtype=np.float64), np.empty(3, dtype=np.float64)
+    rate_one, rate_two = np.empty(3, dtype=np.float64), np.empty(3, dtype=np.float64)
+    dual_one, dual_two = np.empty(3, dtype=np.float64), np.empty(3, dtype=np.float64)
     for n in range(np.uint64(low), np.uint64(high)):
         for k in range(3):
             one[k], two[k] = rows[k][A, n], rows[k][B, n]
@@ -78,7 +80,9 @@ def _surface_tensors(
             g += two[k] * two[k]
         area = e * g - f * f
         if not area > 0.0:
-            out[n] = np.nan
+            # Slices take long to compile.
+            for k in range(WIDTH):
+                out[n, k] = np.nan
             continue
         normal[0] = (one[1] * two[2] - one[2] * two[1]) / np.sqrt(area)
         normal[1] = (one[2] * two[0] - one[0] * two[2]) / np.sqrt(area)

@@ -190,8 +190,8 @@ def _fill_surface_maps(
     out: tuple[NDArray[np.float64], ...],
 ) -> None:  # fmt: skip
     curvature, rotation, growth, principal, direction = out
-    mean, middle = np.empty(WIDTH), np.empty(3)
-    one, two, way = np.empty(3), np.empty(3), np.empty(3)
+    mean, middle = np.empty(WIDTH, dtype=np.float64), np.empty(3, dtype=np.float64)
+    one, two, way = np.empty(3, dtype=np.float64), np.empty(3, dtype=np.float64), np.empty(3, dtype=np.float64)
     for n in range(np.uint64(low), np.uint64(high)):
         met = face[n]
         if met < 0:
@@ -235,7 +235,7 @@ def _fill_surface_maps(
         for k in range(3):
             way[k] = np.cos(angle) * one[k] + np.sin(angle) * two[k]
         if spread <= _EQUAL * (abs(aa) + abs(bb)) or spread < 1e-15:
-            way[:] = np.nan
+            way[0] = way[1] = way[2] = np.nan
         aa, ab, bb = _tangential(mean, CURVATURE, one, two)
         trace, spread = 0.5 * (aa + bb), np.hypot(0.5 * (aa - bb), ab)
         facing = 0.0

@@ -305,8 +305,10 @@ def sort_into_cells(
     edge = max(1.0, np.sqrt(wide * high / max(count, 1) / 4.0), max(wide, high) / 1e5)
     inverse = 1.0 / edge
     columns, rows = int(wide * inverse) + 1, int(high * inverse) + 1
-    starts = np.zeros(rows * columns + 1, dtype=np.int32)
+    starts, place = np.empty(rows * columns + 1, dtype=np.int32), np.empty(rows * columns, dtype=np.int32)
     cells = np.empty(count, dtype=np.int32)
+    for k in range(rows * columns + 1):
+        starts[k] = 0
     for m in range(np.uint64(count)):
         column = min(int((pixels[m, 0] - low_x) * inverse), columns - 1)
         row = min(int((pixels[m, 1] - low_y) * inverse), rows - 1)
@@ -314,8 +316,8 @@ def sort_into_cells(
         cells[m] = cell
         starts[cell + np.uint64(1)] += 1
     for k in range(rows * columns):
+        place[k] = starts[k]
         starts[k + 1] += starts[k]
-    place = starts[:-1].copy()
     order, own = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int32)
     places = np.empty((3, count), dtype=np.float64)
     for m in range(np.uint64(count)):
