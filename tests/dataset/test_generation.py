@@ -26,7 +26,7 @@ from scenetruth.dataset.reading import open_dataset
 from scenetruth.dataset.recipe_loader import Recipe, load_recipe
 from scenetruth.dataset.samples import Partition, make_sample
 from scenetruth.dataset.verification import rebuild_catalogue
-from scenetruth.errors import MachineError, MismatchError, StoreError
+from scenetruth.errors import MachineError, MismatchError, OutputExistsError, StoreError
 from scenetruth.pipeline import verify_run
 from scenetruth.resources import Limits
 from tests.helpers.dataset_makers import Make
@@ -227,3 +227,10 @@ def test_a_killed_run_leaves_whole_samples_and_goes_on(made: Path, tmp_path: Pat
     subprocess.run(command, check=True, capture_output=True)
     assert contents(folder) == contents(made)
     assert not [path.name for path in folder.rglob(".*")]
+
+
+def test_an_output_that_is_a_file_is_refused_before_any_work(tmp_path: Path) -> None:
+    (tmp_path / "tiles").write_text("mine")
+    with pytest.raises(OutputExistsError, match="is not a directory"):
+        run_dataset(Recipe.from_dict(RECIPE), output=tmp_path / "tiles")
+    assert (tmp_path / "tiles").read_text() == "mine"

@@ -51,6 +51,12 @@ QUESTIONS = {
     "bayer": "explanation/demosaicing",
     "plant leaf": "how_to/scenes/surfaces",
     "NaN": "reference/data_model",
+    "what does interior mean": "reference/statistics",
+    "machine learning": "how_to/generate_data_sets",
+    "speed": "results/scaling",
+    "out of memory": "results/scaling",
+    "how do I cite this": "index",
+    "matlab": "how_to/export",
 }
 # Rare words of decisions and of the changelog: these pages are found, but last.
 RARE = ("embree", "pydantic", "interrupted")

@@ -16,6 +16,7 @@ from scenetruth.dataset.recipe_loader import RecipeLike, load_recipe
 from scenetruth.dataset.recipe_validation import DrawReport, refuse_recipe, try_draws
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.dataset.samples import Partition, SampleStore, build_sample_scene, try_sample
+from scenetruth.errors import OutputExistsError
 from scenetruth.jobs.executors import create_executor, resolve_workers
 from scenetruth.jobs.results import TaskResult
 from scenetruth.jobs.scheduler import ResourceGuard, TaskScheduler, write_with_retry
@@ -154,7 +155,7 @@ def run_dataset(
     MismatchError
         If the directory contains a data set of another recipe, or of files that have changed since.
     OutputExistsError
-        If another run generates this partition.
+        If the output is a file, or another run generates this partition.
 
     See Also
     --------
@@ -180,6 +181,8 @@ def run_dataset(
     require_parquet()
     resolve_workers(workers)
     places, whole = DatasetFolder(output), partition or Partition()
+    if places.path.exists() and not places.path.is_dir():
+        raise OutputExistsError(places.path, "is not a directory; specify another output")
     # Processes are started by their first task.
     with closing(create_executor(workers, threads, scheduler)) as crew:
         if recipe is None:
