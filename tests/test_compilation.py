@@ -17,6 +17,8 @@ from typing import Any
 import numba
 import numpy as np
 import pytest
+from llvmlite.binding import ffi
+from numba.core import event
 from numba.core.base import BaseContext
 from numba.extending import overload
 from numpy.typing import NDArray
@@ -24,7 +26,7 @@ from numpy.typing import NDArray
 import scenetruth as st
 from scenetruth import compilation
 from scenetruth.compilation import announced_compilation, check_environment, keep_compiled_code, thread_count
-from scenetruth.kernels import kernel
+from scenetruth.kernels import kernel, subkernel
 
 
 @pytest.fixture
@@ -186,3 +188,43 @@ def test_kernels_are_no_closures_over_other_kernels() -> None:
     closures = [(name, cell.cell_contents) for name, each in kernels for cell in each.py_func.__closure__ or ()]
     assert closures
     assert [name for name, value in closures if hasattr(value, "py_func")] == []
+
+
+def test_functions_of_kernels_are_compiled_once_for_all_constants_and_run_as_python_from_python() -> None:
+    @subkernel(cache=False)
+    def power(x: float, count: int) -> float:
+        total = 1.0
+        for _ in range(count):
+            total *= x
+        return total
+
+    @kernel(cache=False)
+    def powers(x: float, count: int) -> tuple[float, float, float]:
+        return power(x, 2), power(x, 3), power(x, count)
+
+    assert powers(1.5, 4) == (1.5**2, 1.5**3, 1.5**4)
+    assert len(power.signatures) == 1
+    name = next(iter(power.overloads.values())).fndesc.llvm_cpython_wrapper_name
+    assert name not in next(iter(power.inspect_llvm().values()))
+    # What is compiled has no wrapper to be called by.
+    assert power(1.5, 2) == 1.5**2
+
+
+def test_calls_of_llvm_are_not_timed() -> None:
+    # A version of numba or llvmlite in which this fails compiles as well, but takes a twelfth longer.
+    assert ffi.lib._lock._cblist == []
+    heard = []
+
+    class Heard(event.Listener):  # type: ignore[misc]
+        def on_start(self, event: Any) -> None:
+            heard.append(event.kind)
+
+        def on_end(self, event: Any) -> None: ...
+
+    with event.install_listener("numba:llvm_lock", Heard()):
+        assert kernel(cache=False)(lambda x: x + 1)(1) == 2
+    assert heard == []
+
+
+def test_kernels_divide_as_numpy_does() -> None:
+    assert kernel(cache=False)(lambda x, y: x / y)(1.0, 0.0) == np.inf

@@ -41,7 +41,6 @@ def kernel(*, cache: bool = True, **options: Any) -> Callable[[Callable[..., Any
             dispatcher._cache = _KernelCache(function)
         # Packages that extend numba are searched when a kernel is compiled.
         dispatcher._compilation_chain_init_hook = _do_nothing
-        _treat_constants_as_variables(dispatcher)
         return dispatcher
 
     return decorate
@@ -70,6 +69,7 @@ def subkernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def decorate(function: Callable[..., Any]) -> Any:
         dispatcher = compiled(function)
+        _treat_constants_as_variables(dispatcher)
         dispatcher._insert = _do_nothing
         dispatcher._compile_for_args = lambda *_args, **_kws: function
         return dispatcher

@@ -95,7 +95,7 @@ def test_the_last_of_the_truth_was_compiled_beforehand() -> None:
     compile_late_truth_kernels()
     names = ["find_runs", "_look_at_runs", "_look_at_points", "sort_into_cells", "_hide_points"]
     kernels = [getattr(visibility_kernels, name) for name in names]
-    kernels += [getattr(layer_kernels, name) for name in ("_face_sides", "_to_cells", "_find_boxes", "_find_single")]
+    kernels += [getattr(layer_kernels, name) for name in ("_face_sides", "_find_single")]
     known = [list(kernel.signatures) for kernel in kernels]
     assert all(known)
     st.simulate(st.Scene.from_dict(SCENE))

@@ -122,8 +122,7 @@ def find_layers(
     nearest_body = np.full(nearest.shape[:2], -1, dtype=np.int32)
     single = np.zeros(0, dtype=np.bool_)
     if not large[0]:
-        cells = np.empty((len(vertices), 2), dtype=np.float64)
-        in_bands(_to_cells, len(vertices), vertices, *pinhole, cells, least=_LEAST_FACES)
+        cells = _to_cells(vertices, pinhole)
         # Inside a convex body all its faces are back faces.
         for begin, end in pairwise(face_offsets.tolist()):
             if convex[begin] and (sides[begin:end] == FRONT).any():
@@ -154,7 +153,8 @@ def are_clear(layers: Layers, body: int, low_x: float, high_x: float, low_y: flo
     left, right, top, bottom = int(low_x), int(high_x), int(low_y), int(high_y)
     if (right - left + 1) * (bottom - top + 1) > _MOST_SEARCHED:
         return False
-    first_row, first_column, rows, columns = layers.boxes[body]
+    first_row, first_column = layers.boxes[body, 0], layers.boxes[body, 1]
+    rows, columns = layers.boxes[body, 2], layers.boxes[body, 3]
     if top < first_row or left < first_column or bottom >= first_row + rows or right >= first_column + columns:
         return False
     start = layers.starts[body] - first_column
@@ -201,16 +201,14 @@ def _face_sides(
         sides[face] = side
 
 
-@kernel()
-def _to_cells(
-    low: int, high: int, vertices: NDArray[np.float64], focal_px: float, centre_x: float, centre_y: float,
-    cells: NDArray[np.float64],
-) -> None:  # fmt: skip
+def _to_cells(vertices: NDArray[np.float64], pinhole: tuple[float, float, float]) -> NDArray[np.float64]:
     """Project vertices into the image, in cells from its corner."""
-    for n in range(np.uint64(low), np.uint64(high)):
-        z = vertices[n, 2]
-        cells[n, 0] = (focal_px * vertices[n, 0] / z + centre_x + 0.5) / _CELL_PX
-        cells[n, 1] = (focal_px * vertices[n, 1] / z + centre_y + 0.5) / _CELL_PX
+    cells = np.empty((len(vertices), 2), dtype=np.float64)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        for axis in range(2):
+            place = pinhole[0] * vertices[:, axis] / vertices[:, 2]
+            cells[:, axis] = (place + pinhole[1 + axis] + 0.5) / _CELL_PX
+    return cells
 
 
 @inlined
@@ -230,25 +228,24 @@ def _cell(value: float, count: int) -> Any:
     return int(np.floor(min(max(value, -1.0), float(count))))
 
 
-@kernel()
 def _find_boxes(
     cells: NDArray[np.float64], faces: NDArray[np.int32], sides: NDArray[np.uint8], face_offsets: NDArray[np.int64],
     rows: int, columns: int, boxes: NDArray[np.int32],
 ) -> None:  # fmt: skip
     """Find the cells over which each body may be."""
-    for body in range(boxes.shape[0]):
-        low_x, high_x, low_y, high_y = np.inf, -np.inf, np.inf, -np.inf
-        for face in range(face_offsets[body], face_offsets[body + 1]):
-            if sides[face] & IGNORED:
-                continue
-            for k in range(3):
-                x, y = cells[faces[face, k], 0], cells[faces[face, k], 1]
-                low_x, high_x, low_y, high_y = min(low_x, x), max(high_x, x), min(low_y, y), max(high_y, y)
-        if low_x <= high_x:
-            left, right = max(_cell(low_x, columns), 0), min(_cell(high_x, columns), columns - 1)
-            top, bottom = max(_cell(low_y, rows), 0), min(_cell(high_y, rows), rows - 1)
-            boxes[body, 0], boxes[body, 1] = top, left
-            boxes[body, 2], boxes[body, 3] = max(bottom - top + 1, 0), max(right - left + 1, 0)
+    for body, (begin, end) in enumerate(pairwise(face_offsets.tolist())):
+        corners = faces[begin:end][sides[begin:end] & IGNORED == 0].ravel()
+        if not len(corners):
+            continue
+        x, y = cells[:, 0].take(corners), cells[:, 1].take(corners)
+        # These ignore NaN.
+        left, right = float(np.fmin.reduce(x)), float(np.fmax.reduce(x))
+        top, bottom = float(np.fmin.reduce(y)), float(np.fmax.reduce(y))
+        if left <= right:
+            first_column, last_column = max(_cell(left, columns), 0), min(_cell(right, columns), columns - 1)
+            first_row, last_row = max(_cell(top, rows), 0), min(_cell(bottom, rows), rows - 1)
+            boxes[body, :2] = first_row, first_column
+            boxes[body, 2:] = max(last_row - first_row + 1, 0), max(last_column - first_column + 1, 0)
 
 
 @kernel()

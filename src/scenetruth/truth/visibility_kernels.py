@@ -115,15 +115,17 @@ def find_runs(face: NDArray[np.int32], weights: NDArray[np.float64]) -> Any:
         starts[run] = begin
         if end - begin >= _SHORTEST_RUN:
             # Pixels along a row are on a line: along the coordinate that changes most, at offsets of rounding from it.
-            change = (weights[end - 1, 0] - weights[begin, 0], weights[end - 1, 1] - weights[begin, 1])
-            along = 0 if abs(change[0]) >= abs(change[1]) else 1
-            slope = change[1 - along] / change[along] if change[along] != 0.0 else 0.0
+            right, below = weights[end - 1, 0] - weights[begin, 0], weights[end - 1, 1] - weights[begin, 1]
+            along = 0 if abs(right) >= abs(below) else 1
+            change, other = (right, below) if along == 0 else (below, right)
+            slope = other / change if change != 0.0 else 0.0
             low, high, least, most = np.inf, -np.inf, np.inf, -np.inf
             for n in range(begin, end):
                 place = weights[n, along]
                 offset = weights[n, 1 - along] - slope * place
                 low, high, least, most = min(low, place), max(high, place), min(least, offset), max(most, offset)
-            for corner, place, offset in ((0, low, least), (1, low, most), (2, high, least), (3, high, most)):
+            for corner in range(4):
+                place, offset = low if corner < 2 else high, least if corner % 2 == 0 else most
                 corners[run, corner, along], corners[run, corner, 1 - along] = place, slope * place + offset
         run, begin = run + 1, end
     starts[run] = count
