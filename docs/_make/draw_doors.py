@@ -108,8 +108,9 @@ def accuracy() -> None:
 
 def rig() -> None:
     """Draw a recommended rig to scale, upright: its labels are legible on a phone."""
-    scene = st.load_scene(RIG, overrides=RECOMMENDED).to_dict()
-    drawings = draw_side_views(compute_side_view(scene, 1.5, "object_leaf"))
+    drawings = draw_side_views(
+        compute_side_view(st.load_scene(RIG, overrides=RECOMMENDED).to_dict(), 1.5, "object_leaf")
+    )
     drawing = next(each for each in drawings if each.shown == "narrow")
     svg = drawing.svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
     start = svg.index(">") + 1

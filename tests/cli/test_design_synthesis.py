@@ -23,6 +23,8 @@ def test_a_rig_is_found_and_told(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "A wall: the best rigs" in done.stdout
     assert "recommended, rig" in done.stdout
+    # Rigs are columns: the titles of variables are not broken.
+    assert "│ baseline, mm " in done.stdout
     assert "predicted: image noise as in `scenetruth design predict`, and stage errors" in done.stdout
     assert "simulated: all errors against the ground truth" in done.stdout
     assert names(out) >= {"index.html", "recommended.yaml", "pareto_front.csv", "evaluations.csv", "design.json"}

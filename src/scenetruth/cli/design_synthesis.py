@@ -11,7 +11,7 @@ import typer
 from scenetruth.cli import design_options, options
 from scenetruth.cli.design_analysis import budget, predict, sweep
 from scenetruth.cli.messages import print_wrote
-from scenetruth.number_format import format_interval, format_number
+from scenetruth.number_format import format_interval, format_number, format_unit
 
 if TYPE_CHECKING:
     from scenetruth.capture import BoardKind
@@ -78,27 +78,28 @@ def _print_front(found: DesignResult) -> None:
 
     from scenetruth.cli.console import make_console
     from scenetruth.design.optimisation.design_result import format_parameter
+    from scenetruth.design.parameter_words import parameter_unit, title_parameters
     from scenetruth.errors import visible
 
     table = Table(title=f"{visible(found.title, lines=False)}: the best rigs", title_justify="left")
-    names = list(found.recommended.parameters)
-    headings = ["rig", *names]
-    for objective in found.objectives:
-        headings += [f"{objective.title}, {objective.unit}", "simulated", "95 %"]
-    for heading in headings:
-        table.add_column(visible(heading, lines=False), overflow="fold")
+    table.add_column("rig", overflow="fold")
     for rig in found.rigs:
-        mark = " *" if rig.number == found.recommended.number else ""
-        cells = [f"{rig.number}{mark}", *(format_parameter(rig.parameters[name]) for name in names)]
-        for objective in found.objectives:
-            entries = rig.simulated.get(objective.title)
-            cells.append(format_number(rig.predicted[objective.title]))
-            cells += (
-                ["–", "–"]
-                if entries is None
-                else [format_number(entries.value), format_interval(entries.pi_low, entries.pi_high)]
-            )
-        table.add_row(*(visible(cell, lines=False) for cell in cells))
+        table.add_column(f"{rig.number}{' *' if rig.number == found.recommended.number else ''}", justify="right")
+    titles = title_parameters(list(found.recommended.parameters))
+    for name, title in titles.items():
+        unit = parameter_unit(name)
+        cells = [format_parameter(rig.parameters[name]) for rig in found.rigs]
+        table.add_row(*(visible(cell, lines=False) for cell in (f"{title}, {unit}" if unit else title, *cells)))
+    for objective in found.objectives:
+        entries = [rig.simulated.get(objective.title) for rig in found.rigs]
+        title = f"{objective.title}, {format_unit(objective.unit)}"
+        rows = [
+            (title, *(format_number(rig.predicted[objective.title]) for rig in found.rigs)),
+            ("  simulated", *("–" if one is None else format_number(one.value) for one in entries)),
+            ("  95 %", *("–" if one is None else format_interval(one.pi_low, one.pi_high) for one in entries)),
+        ]
+        for row in rows:
+            table.add_row(*(visible(cell, lines=False) for cell in row))
     make_console().print(table)
     _print_lines(*_INCLUDED)
 

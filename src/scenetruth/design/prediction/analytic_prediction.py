@@ -358,7 +358,7 @@ def _describe_borders(setup: MethodSetup, scene: Scene, look: SurfaceSamples) ->
         cut += [f"{100 * share:.0f} % of {look.names[number]}"] if share > _MUCH_BORDER else []
     if cut:
         yield (
-            f"within {reach:g} px of the border of an image, or outside of it, errors are up to four times the "
+            f"within {reach:g} px of the border of an image, or outside it, errors are up to four times the "
             f"prediction, which is a median: {_listed(cut)}"
         )
 
