@@ -119,7 +119,7 @@ def add_samples(
 ) -> NDArray[np.float64]:
     """Return the means over pixels, each of a number of samples in turn."""
     owner = np.repeat(np.arange(len(counts)), counts)
-    return np.bincount(owner, radiance * weights, len(counts))
+    return np.asarray(np.bincount(owner, radiance * weights, len(counts)), dtype=np.float64)
 
 
 def sort_by_body(
