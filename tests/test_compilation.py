@@ -17,7 +17,7 @@ from typing import Any
 import numba
 import numpy as np
 import pytest
-from llvmlite.binding import ffi
+from llvmlite.binding import ffi  # type: ignore[import-untyped]
 from numba.core import event
 from numba.core.base import BaseContext
 from numba.extending import overload

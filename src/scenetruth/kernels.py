@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
-from llvmlite.binding import ffi
+from llvmlite.binding import ffi  # type: ignore[import-untyped]
 from numba.core import event, types
 from numba.core.caching import FunctionCache
 from numba.core.runtime import rtsys

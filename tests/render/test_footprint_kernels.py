@@ -123,6 +123,12 @@ def test_samples_are_ordered_and_added_by_pixel() -> None:
     assert numbers.tolist() == expected
     np.testing.assert_array_equal(moved, offsets[expected])
     np.testing.assert_array_equal(shares, weights[expected])
+    firsts = np.array([0, 1, 4])
+    again = order_samples(np.arange(3), pixels[order], firsts, counts[order], moved, shares, numbers)
+    np.testing.assert_array_equal(again[0], owner)
+    np.testing.assert_array_equal(again[1], moved)
+    np.testing.assert_array_equal(again[2], shares)
+    np.testing.assert_array_equal(again[3], expected)
     radiance = generator.random(6).astype(np.float32)
     means = add_samples(counts[order], radiance, shares)
     product = radiance * shares

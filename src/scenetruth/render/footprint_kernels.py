@@ -107,9 +107,11 @@ def order_samples(
     ``pixels``, ``starts``, ``counts``: Pixels, and the first and the number of the samples of each, shape (n,).
     """
     numbers = counts[order]
-    before = np.cumsum(numbers) - numbers
-    sample = np.repeat(starts[order] - before, numbers) + np.arange(len(weights))
-    return np.repeat(pixels[order], numbers), offsets.take(sample, axis=0), weights.take(sample), cells.take(sample)
+    owner, moves = np.repeat(pixels[order], numbers), starts[order] - (np.cumsum(numbers) - numbers)
+    if not moves.any():
+        return owner, offsets, weights, cells
+    sample = np.repeat(moves, numbers) + np.arange(len(weights))
+    return owner, offsets.take(sample, axis=0), weights.take(sample), cells.take(sample)
 
 
 def add_samples(
@@ -117,7 +119,7 @@ def add_samples(
 ) -> NDArray[np.float64]:
     """Return the means over pixels, each of a number of samples in turn."""
     owner = np.repeat(np.arange(len(counts)), counts)
-    return np.bincount(owner, radiance * weights, len(counts))
+    return np.asarray(np.bincount(owner, radiance * weights, len(counts)), dtype=np.float64)
 
 
 def sort_by_body(
