@@ -16,9 +16,7 @@ from scenetruth.camera import build_sensor_chain
 from scenetruth.errors import Problem, SceneError, SceneWarning
 from scenetruth.scene.built_scene import BuiltScene, SceneBody, find_materials
 from scenetruth.scene.lighting import IesLight, Lamp, Lighting, LightModel, PointLight
-from scenetruth.scene.mesh import TriangleMesh
 from scenetruth.scene.scene_models import Scene, compute_image_times
-from scenetruth.scene.scene_object import SceneObject
 from scenetruth.scene.texture import TextureModel
 
 __all__ = [
@@ -211,8 +209,7 @@ def _lamp_warnings(scene: Scene, world: BuiltScene) -> list[str]:
 def _gloss_warnings(scene: Scene, world: BuiltScene) -> list[str]:
     """Return warnings of sharp gloss that reflects lamps wider than their distance."""
     # Bodies of a preview may have no materials.
-    items = {item.name: item for _, item in scene.parts}
-    sharp = {body.name: _least_roughness(items[body.name], body.mesh) for body in world.bodies}
+    sharp = _least_roughness(scene, world)
     messages = []
     for number, lamp in enumerate(scene.band_scenes()[0].lighting.lamps_at(0.0)):
         if lamp.area is None or lamp.position_mm is None:
@@ -227,14 +224,17 @@ def _gloss_warnings(scene: Scene, world: BuiltScene) -> list[str]:
     return messages
 
 
-def _least_roughness(item: SceneObject, mesh: TriangleMesh) -> float:
-    """Return the least roughness of an object, infinite without gloss."""
-    try:
-        materials, _ = find_materials(item, mesh)
-    except SceneError:
-        # A file without gloss is reported with the objects.
-        return np.inf
-    return min(material.least_roughness for material in materials)
+def _least_roughness(scene: Scene, world: BuiltScene) -> dict[str, float]:
+    """Return the least roughness of objects by name, infinite without gloss."""
+    found, items = {}, {item.name: item for _, item in scene.parts}
+    for body in world.bodies:
+        try:
+            materials, _ = find_materials(items[body.name], body.mesh)
+            found[body.name] = min(material.least_roughness for material in materials)
+        except SceneError:
+            # A file without gloss is reported with the objects.
+            found[body.name] = np.inf
+    return found
 
 
 def _lost_lamps(lighting: Lighting, times: Sequence[float]) -> dict[int, Problem]:
