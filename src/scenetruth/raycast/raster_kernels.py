@@ -271,7 +271,7 @@ def _hits_on_faces(
     low: int, high: int, vertices: NDArray[np.float64], faces: NDArray[np.int32], origin: NDArray[np.float64],
     directions: NDArray[np.float64], face: NDArray[np.int32], depth: NDArray[np.float64], weights: NDArray[np.float64],
 ) -> None:  # fmt: skip
-    form, ready = np.empty(FORMS, dtype=np.float64), -1
+    form, ready = np.empty(FORMS, dtype=np.float64), np.int64(-1)
     for n in range(low, high):
         if face[n] < 0:
             depth[n], weights[n, 0], weights[n, 1] = np.nan, 0.0, 0.0

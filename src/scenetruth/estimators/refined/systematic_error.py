@@ -77,9 +77,8 @@ _WIDER = 2.0
 _FINER = 0.5  # relative width of the smaller windows
 _MOST_SHARE = 4.0  # largest extrapolation: biases of nearly equal spans differ by noise alone
 _SETTLED_PX = 0.05  # displacement of points below which a fit to fewer frames has converged
-# Fraction of the windows that may be farther away: at discontinuities, some never converge; and side of the
-# surroundings in which they are counted, in units of the window's σ.
-_MOST_FAR, _AROUND = 0.02, 8
+_MOST_FAR = 0.02  # fraction of the windows that may be farther away: at discontinuities, some never converge
+_AROUND = 8  # side of the surroundings in which they are counted, in units of the window's σ
 _ROUNDS = 4  # largest number of iterations of a fit to fewer frames
 # Sum of the variances of disparity and velocity, relative to noise, that fewer frames must reduce by this ratio: the
 # selection follows noise where both are alike.
@@ -416,9 +415,8 @@ def _window_errors(refined: RefinedState, group: SpanGroup, smaller: Fit, sigma:
     fine, full = (collect_quantities(each, refined.noise_ratio) for each in (smaller, at_nodes(refined.fit, step)))
     among = group.where[::step, ::step]
     noise = _noise_of_change(full, fine)
-    change = fine.values - full.values
+    change, plane = fine.values - full.values, among & ~refined.curved[::step, ::step]
     square, *_ = change_at_scales(change, noise, among, sigma / step, _OF_WINDOWS)
-    plane = among & ~refined.curved[::step, ::step]
     likely = find_likely_changes(change, noise, plane, sigma / step, _OF_WINDOWS)
     return share**2 * np.where(OF_VELOCITY[:, None, None] == 0, np.maximum(square, likely), square)
 
@@ -526,15 +524,12 @@ def change_at_scales(change: Map, noise: Map, among: Mask, sigma: float, correla
 
 
 def find_likely_changes(change: Map, noise: Map, among: Mask, sigma: float, correlated: float) -> Map:
-    """Return the squares of mean changes, the largest of all scales, also if they are not significant.
-
-    Surfaces are rarely planes: where noise hides their curvature, errors of planes exceed noise on average.
-    """
+    """Return the squares of mean changes, the largest of all scales, also if they are not significant."""
+    # Surfaces are rarely planes: where noise hides their curvature, errors of planes exceed noise on average.
     found = np.zeros_like(change)
     for scale in (1.0, *_COARSER):
         less = correlated * (1.0 + _WIDER**2) / (1.0 + (scale * _WIDER) ** 2)
-        square, *_ = mean_change(change, noise, among, scale * sigma, less, scatter=False, least=0.0)
-        found = np.maximum(found, square)
+        found = np.maximum(found, mean_change(change, noise, among, scale * sigma, less, scatter=False, least=0.0)[0])
     return found
 
 
