@@ -112,10 +112,13 @@ event.register("numba:compile", _CollectorPause())
 
 
 def _stop_watch() -> None:
-    """Take away what numba does at every call of LLVM: it adds up times that nobody reads, a twelfth of compiling."""
+    """Take away what numba does at every call of LLVM: it adds up times that nobody reads, a twelfth of compiling.
+
+    Numba registers local functions, which the public function of llvmlite cannot remove.
+    """
     callbacks = getattr(getattr(ffi.lib, "_lock", None), "_cblist", None)
     if isinstance(callbacks, list):
-        callbacks.clear()
+        callbacks[:] = [pair for pair in callbacks if pair[0].__module__ != "numba.core.base"]
 
 
 _stop_watch()
