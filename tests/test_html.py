@@ -60,6 +60,7 @@ def test_a_page_is_one_file_in_which_no_word_acts() -> None:
         "values": [],
         "again": "",
         "titles": {"camera.width": HOSTILE},
+        "only": HOSTILE,
         "best": [[HOSTILE, "2"]],
         "best_columns": ["a", HOSTILE],
     }

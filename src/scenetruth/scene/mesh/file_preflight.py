@@ -136,7 +136,7 @@ def read_unchanged(file: Path, read: Callable[[Path], _T]) -> _T:
             if failure is not None:
                 raise failure
             return found
-    message = "changes while it is read: wait until the program that writes it has finished"
+    message = f"{file.name} changes while it is read: wait until the program that writes it has finished"
     raise SceneError([Problem("file", message, str(file))]) from failure
 
 
