@@ -100,9 +100,11 @@ def test_against_the_formulas_term_by_term(divergence: str) -> None:
             np.testing.assert_allclose(found[name].values, value, rtol=5e-5, atol=5e-6, err_msg=name)
 
 
-@pytest.mark.filterwarnings("ignore:tau:scenetruth.EstimateWarning")
+# Of the motion of a few waves in so small images, messages may be wrong.
+@pytest.mark.filterwarnings("ignore::scenetruth.EstimateWarning")
 @settings(max_examples=20)
 @example(size=(27, 40), taps=5, seed=110, shift=0, divergence="paper", tau=0.0)
+@example(size=(20, 29), taps=5, seed=499, shift=0, divergence="paper", tau=0.001)
 @given(
     size=some.tuples(some.integers(17, 40), some.integers(29, 50)),
     taps=some.sampled_from([5, 9, 13]),
