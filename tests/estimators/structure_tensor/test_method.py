@@ -101,7 +101,8 @@ def test_against_the_formulas_term_by_term(divergence: str) -> None:
 
 
 # Of the motion of a few waves in so small images, messages may be wrong.
-@pytest.mark.filterwarnings("ignore::scenetruth.EstimateWarning")
+@pytest.mark.filterwarnings("ignore:tau:scenetruth.EstimateWarning")
+@pytest.mark.filterwarnings("ignore:method 'structure_tensor'. only:scenetruth.EstimateWarning")
 @settings(max_examples=20)
 @example(size=(27, 40), taps=5, seed=110, shift=0, divergence="paper", tau=0.0)
 @example(size=(20, 29), taps=5, seed=499, shift=0, divergence="paper", tau=0.001)
