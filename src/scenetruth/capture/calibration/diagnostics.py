@@ -152,15 +152,25 @@ def identify_combinations(fit: RigFit) -> list[Combination]:
     scale = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     free_part = information[np.ix_(~bound, ~bound)] * scale[~bound][:, None] * scale[~bound]
     cross = information[np.ix_(bound, ~bound)] * scale[~bound]
-    reduced = (
-        information[np.ix_(bound, bound)] - cross @ np.linalg.pinv(free_part, rcond=1e-12, hermitian=True) @ cross.T
-    )
+    reduced = information[np.ix_(bound, bound)] - _eliminate(free_part, cross)
     relative = reduced * std[bound][:, None] * std[bound]
     values, vectors = np.linalg.eigh((relative + relative.T) / 2)
     chosen = [name for name, has_prior in zip(names, bound, strict=True) if has_prior]
     return [
         Combination(max(float(values[index]), 0.0), _words(vectors[:, index], chosen)) for index in np.argsort(-values)
     ]
+
+
+def _eliminate(free_part: Array, cross: Array) -> Array:
+    """Return what the elimination of the parameters without a prior takes from the information on the others."""
+    from scipy.linalg import solve_triangular
+
+    try:
+        # An explicit inverse loses half of the digits.
+        half = solve_triangular(np.linalg.cholesky(free_part), cross.T, lower=True)
+    except np.linalg.LinAlgError:  # the images leave a combination of these parameters undetermined
+        return np.asarray(cross @ np.linalg.pinv(free_part, rcond=1e-12, hermitian=True) @ cross.T)
+    return np.asarray(half.T @ half)
 
 
 def _words(vector: Array, names: Sequence[str]) -> str:
