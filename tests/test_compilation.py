@@ -18,7 +18,7 @@ import numba
 import numpy as np
 import pytest
 from llvmlite.binding import ffi  # type: ignore[import-untyped]
-from numba.core import event
+from numba.core import codegen, event
 from numba.core.base import BaseContext
 from numba.extending import overload
 from numpy.typing import NDArray
@@ -191,7 +191,7 @@ def test_kernels_are_no_closures_over_other_kernels() -> None:
 
 
 def test_functions_of_kernels_are_compiled_once_for_all_constants_and_run_as_python_from_python() -> None:
-    @subkernel(cache=False)
+    @subkernel()
     def power(x: float, count: int) -> float:
         total = 1.0
         for _ in range(count):
@@ -208,6 +208,50 @@ def test_functions_of_kernels_are_compiled_once_for_all_constants_and_run_as_pyt
     assert name not in next(iter(power.inspect_llvm().values()))
     # What is compiled has no wrapper to be called by.
     assert power(1.5, 2) == 1.5**2
+
+
+def _shifted(x: float, by: float) -> float:
+    if by < 0:
+        raise ValueError("only to the right")
+    return float(x + np.array([by, by]).sum() / 2)
+
+
+_shifted_in_kernels = subkernel()(_shifted)
+
+
+def _shifted_once(x: float, by: float) -> float:
+    return float(_shifted_in_kernels(x, by))
+
+
+def _shifted_twice(x: float, by: float) -> float:
+    return float(_shifted_in_kernels(_shifted_in_kernels(x, by), by))
+
+
+def test_only_kernels_have_machine_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # A version of numba in which this fails compiles as well, but takes a tenth longer.
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    made: list[str] = []
+    add = codegen.JitEngine.add_module
+
+    def note(engine: Any, module: Any) -> Any:
+        made.append(module.name)
+        return add(engine, module)
+
+    monkeypatch.setattr(codegen.JitEngine, "add_module", note)
+    for function, expected in ((_shifted_once, 2.5), (_shifted_twice, 4.0)):
+        for _ in range(2):
+            # The second time from the cache.
+            compiled = kernel()(function)
+            assert compiled(1.0, 1.5) == expected
+            with pytest.raises(ValueError, match="only to the right"):
+                compiled(1.0, -1.5)
+    assert [name for name in made if "shifted" in name] == ["_shifted_once"] * 2 + ["_shifted_twice"] * 2
+    assert not [name for name in made if "impl" in name]
+    # Functions of others keep theirs.
+    made.clear()
+    part = numba.njit(no_cpython_wrapper=True)(_shifted)
+    assert numba.njit(lambda x, by: part(x, by))(1.0, 1.5) == 2.5
+    assert "_shifted" in made
 
 
 def test_calls_of_llvm_are_not_timed() -> None:

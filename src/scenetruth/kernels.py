@@ -8,8 +8,9 @@ from typing import Any
 
 import numba
 from llvmlite.binding import ffi  # type: ignore[import-untyped]
-from numba.core import event, types
+from numba.core import codegen, event, types
 from numba.core.caching import FunctionCache
+from numba.core.environment import lookup_environment
 from numba.core.runtime import rtsys
 
 __all__ = ["inlined", "kernel", "subkernel"]
@@ -65,7 +66,7 @@ def subkernel(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     What converts the arguments and results of compiled functions for Python takes long to compile.
     """
-    compiled = kernel(no_cpython_wrapper=True, **options)
+    compiled = kernel(cache=False, no_cpython_wrapper=True, **options)
 
     def decorate(function: Callable[..., Any]) -> Any:
         dispatcher = compiled(function)
@@ -85,30 +86,74 @@ def inlined(function: Callable[..., Any]) -> Any:
     return subkernel(forceinline=True)(function)
 
 
-class _CollectorPause(event.Listener):  # type: ignore[misc]
-    """Suspend the garbage collector while a kernel is compiled.
+_compiling: list[Any] = []
+"""Dispatchers of what is being compiled, each for the one before; numba compiles in one thread at a time."""
+
+
+class _CompilationWatch(event.Listener):  # type: ignore[misc]
+    """Note what is being compiled, and suspend the garbage collector meanwhile.
 
     The compiler creates many objects that live as long as it runs, which the collector visits again and again: an
     eighth of the time.
     """
 
     def __init__(self) -> None:
-        self._depth = 0
         self._resumes = False
 
     def on_start(self, event: Any) -> None:
-        if self._depth == 0:
+        if not _compiling:
             self._resumes = gc.isenabled()
             gc.disable()
-        self._depth += 1
+        _compiling.append(event.data["dispatcher"])
 
     def on_end(self, event: Any) -> None:
-        self._depth -= 1
-        if self._depth == 0 and self._resumes:
+        _compiling.pop()
+        if not _compiling and self._resumes:
             gc.enable()
 
 
-event.register("numba:compile", _CollectorPause())
+event.register("numba:compile", _CompilationWatch())
+
+
+def _is_only_linked() -> bool:
+    """Return whether what is being compiled is a function for one of our kernels that Python cannot call."""
+    return (
+        len(_compiling) > 1
+        and isinstance(getattr(_compiling[0], "_cache", None), _KernelCache)
+        and _compiling[-1].targetoptions.get("no_cpython_wrapper", False)
+    )
+
+
+class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
+    """Compiled code; what only becomes part of kernels has no machine code of its own: a tenth of compiling.
+
+    Kernels contain the functions that they call, and numba optimises them again as a whole.
+    """
+
+    def _finalize_final_module(self) -> None:
+        if _is_only_linked():
+            self._finalize_dynamic_globals()
+            self._finalized = True
+            return
+        super()._finalize_final_module()
+        # Those of the functions that have become part of this one.
+        for variable in self._final_module.global_variables:
+            environment = lookup_environment(variable.name)
+            if environment is not None:
+                self._codegen.set_env(variable.name, environment)
+
+
+_set_environment = codegen.JITCPUCodegen.set_env
+
+
+def _set_if_compiled(self: Any, name: str, environment: Any) -> None:
+    """Set the address of an environment of machine code, if there is any."""
+    if self._engine.get_global_value_address(name):
+        _set_environment(self, name, environment)
+
+
+codegen.JITCPUCodegen._library_class = _Library
+codegen.JITCPUCodegen.set_env = _set_if_compiled
 
 
 def _stop_watch() -> None:
