@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +20,11 @@ from scenetruth.estimators.structure_tensor.estimation_task import (
     without_support,
 )
 from scenetruth.estimators.structure_tensor.filters import DERIVATIVE_MOMENT, PAPER, AcquisitionAxes, gaussian_window
-from scenetruth.estimators.structure_tensor.maps import STRIDE, BestRegistration, EstimateMaps
+from scenetruth.estimators.structure_tensor.maps import STRIDE, BestRegistration, EstimateMaps, Filters
 from scenetruth.estimators.structure_tensor.noise_model import texture_transfer
 from scenetruth.estimators.structure_tensor.registration import CELL, Rectangle, Registration, split_into_tiles
 from scenetruth.progress import Progress
 from scenetruth.threads import bands, in_threads
-
-if TYPE_CHECKING:
-    from scenetruth.estimators.structure_tensor.tensor_kernels import Filters
 
 __all__ = [
     "MEMORY_LIMITS", "CandidateRegistration", "MemoryLimits", "carry_to_reference", "forget_second_best",
@@ -141,8 +138,6 @@ def run_kernel(
 
 def _filters_at(task: EstimationInputs, disparity: int) -> Filters:
     """Return the kernels of all filters for images registered by a disparity."""
-    from scenetruth.estimators.structure_tensor.tensor_kernels import Filters
-
     rig, settings = task.rig, task.settings
     # In the divergence term, x is relative to the principal point of each camera.
     own = -disparity * (rig.positions - rig.centre_s)
@@ -159,16 +154,10 @@ def _filters_at(task: EstimationInputs, disparity: int) -> Filters:
         moment_s=single(own * task.over_s.smoothing),
         smoothing_t=single(task.over_t.smoothing),
         derivative_t=single(task.over_t.derivative),
-        smoothing=single(PAPER.smoothing),
-        derivative=single(PAPER.derivative),
-        moment=single(moment),
-        moment_less_smoothing=single(moment - 2 * PAPER.smoothing),
+        kernels=single(np.stack([PAPER.smoothing, PAPER.derivative, moment, moment - 2 * PAPER.smoothing])),
         window_t=single(rig.window_t),
         channels=single(task.weights),
-        window=single(window),
-        window_moment=single(window * local),
-        window_second_moment=single(window * local**2),
-        window_twice_moment=single(2 * window * local),
+        windows=single(np.stack([window, window * local, window * local**2, 2 * window * local])),
         with_correction=settings.divergence == "consistent",
     )
 
@@ -198,7 +187,7 @@ def run(task: EstimationInputs, registrations: Sequence[Registration], progress:
     height, width = task.images.shape[-2:]
     frames = len(task.outputs)
     elsewhere = task.rig.centre_s != 0 or task.rig.centre_t != 0
-    maps = EstimateMaps.empty(frames, height, width, shifted=elsewhere)
+    maps = EstimateMaps.invalid(frames, height, width, shifted=elsewhere)
     parts = _bands(frames, (height, width))
     areas = [common_area(task, item) for item in registrations]
     only = shift_by_subpixels(task, registrations[0].disparity) if len(registrations) == 1 else None

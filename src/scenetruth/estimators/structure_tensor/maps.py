@@ -1,13 +1,13 @@
-"""Arrays of the kernels: best registration of every pixel, maps of an estimate, and texture of an image."""
+"""Arrays of the kernels: filters, best registration of every pixel, maps of an estimate, and texture of an image."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["STRIDE", "BestRegistration", "EstimateMaps", "Texture"]
+__all__ = ["STRIDE", "BestRegistration", "EstimateMaps", "Filters", "Texture"]
 
 
 STRIDE = 4
@@ -43,6 +43,31 @@ class Texture(NamedTuple):
 
 
 Flags = NDArray[np.uint8]
+
+
+class Filters(NamedTuple):
+    """Filters and windows as correlation kernels; those along s have one value per camera and scale to grey values."""
+
+    smoothing_s: Floats
+    """S along s."""
+    derivative_s: Floats
+    """D along s."""
+    moment_s: Floats
+    """Moment of S along s: S times the offset of the principal point of a camera from that of the reference."""
+    smoothing_t: Floats
+    """S along t."""
+    derivative_t: Floats
+    """D along t."""
+    kernels: Floats
+    """S, D, M (the moment of D) and M - 2 S along x and y, shape (4, taps)."""
+    window_t: Floats
+    """Window along t."""
+    channels: Floats
+    """Weights of the channels."""
+    windows: Floats
+    """w, the window along x and y, w ξ, w ξ² and 2 w ξ, shape (4, taps)."""
+    with_correction: bool
+    """Whether the correction of the divergence term is added."""
 
 
 class BestRegistration(NamedTuple):
@@ -132,17 +157,16 @@ class EstimateMaps(NamedTuple):
     centred between cameras or frames; else of size 0."""
 
     @classmethod
-    def empty(cls, frames: int, height: int, width: int, *, shifted: bool) -> EstimateMaps:
-        """Return uninitialised maps."""
+    def invalid(cls, frames: int, height: int, width: int, *, shifted: bool) -> EstimateMaps:
+        """Return maps without any valid pixel."""
         shape = (frames, height, width)
         components = {"velocity": 3, "velocity_std": 3, "flow": 2, "eigenvalues": 5, "shift": 2}
         flags = ("kind", "kind_disparity", "kind_motion", "model_violation")
         shapes = {name: (count, *shape) for name, count in components.items()}
         if not shifted:
             shapes["shift"] = (2, 0, 0, 0)
-        return cls(
-            **{
-                name: np.empty(shapes.get(name, shape), dtype=np.uint8 if name in flags else np.float32)
-                for name in cls._fields
-            }
-        )
+        maps: dict[str, NDArray[Any]] = {
+            name: np.full(shapes.get(name, shape), np.nan, dtype=np.float32) for name in cls._fields
+        }
+        maps |= {name: np.zeros(shape, dtype=np.uint8) for name in flags}
+        return cls(**maps | {"confidence": np.zeros(shape, dtype=np.float32)})

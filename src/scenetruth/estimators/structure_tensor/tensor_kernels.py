@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.intrinsic_kernels import fma
-from scenetruth.estimators.structure_tensor.maps import BestRegistration
-from scenetruth.kernels import kernel
+from scenetruth.estimators.structure_tensor.maps import BestRegistration, Filters
+from scenetruth.kernels import inlined, kernel, subkernel
 
-__all__ = ["Criteria", "Filters", "Registered", "estimate_tile"]
+__all__ = ["Criteria", "Registered", "estimate_tile"]
 
 # Number of matrices that are diagonalised together.
 _LANES = 16
@@ -61,44 +60,73 @@ _FOUND = 23
 _P_S, _RANK = 23, 26
 _FOUND_AND_NEEDED = 27
 
-_jit = kernel(error_model="numpy")
+# Rows of `Filters.kernels` and of `Filters.windows`.
+_S_KERNEL, _D_KERNEL, _M_KERNEL, _M_LESS_2S_KERNEL = range(4)
+_WINDOW, _WINDOW_MOMENT, _WINDOW_SECOND_MOMENT, _WINDOW_TWICE_MOMENT = range(4)
+# Sums of weighted rows as tables of source, weights and output: one loop compiles faster than a call for each sum.
+_ALONG_X_SUMS = np.array(
+    [
+        [_T_SMOOTH, _S_KERNEL, _X_SMOOTH],
+        [_T_SMOOTH, _D_KERNEL, _X_ALONG_X],
+        [_T_SMOOTH, _M_KERNEL, _X_MOMENT],
+        [_T_MOMENT_X, _D_KERNEL, _X_MOMENT],
+        [_T_ALONG_S, _S_KERNEL, _X_ALONG_S],
+        [_T_ALONG_T, _S_KERNEL, _X_ALONG_T],
+        [_T_MOMENT_Y, _S_KERNEL, _X_MOMENT_Y],
+    ]
+)
+_ALONG_Y_SUMS = np.array(
+    [
+        [_X_ALONG_X, _S_KERNEL, _G_X],
+        [_X_SMOOTH, _D_KERNEL, _G_Y],
+        [_X_ALONG_S, _S_KERNEL, _G_S],
+        [_X_ALONG_T, _S_KERNEL, _G_T],
+        [_X_MOMENT, _S_KERNEL, _G_E],
+        [_X_SMOOTH, _M_LESS_2S_KERNEL, _G_E],
+        [_X_MOMENT_Y, _D_KERNEL, _G_E],
+    ]
+)
+_WINDOW_COLUMN_SUMS = np.array(
+    [
+        [_XX, _WINDOW, _J_XX],
+        [_XY, _WINDOW, _J_XY],
+        [_YY, _WINDOW, _J_YY],
+        [_XY, _WINDOW_MOMENT, _J_XZ],
+        [_YY, _WINDOW_MOMENT, _J_YZ],
+        [_YY, _WINDOW_SECOND_MOMENT, _J_ZZ],
+        [_XS, _WINDOW, _J_XS],
+        [_YS, _WINDOW, _J_YS],
+        [_YS, _WINDOW_MOMENT, _J_ZS],
+        [_XT, _WINDOW, _J_XT],
+        [_YT, _WINDOW, _J_YT],
+        [_YT, _WINDOW_MOMENT, _J_ZT],
+        [_SS, _WINDOW, _J_SS],
+        [_ST, _WINDOW, _J_ST],
+        [_TT, _WINDOW, _J_TT],
+    ]
+)
+_CORRECTION_SUMS = np.array(
+    [
+        [_XE, _WINDOW, _J_XZ],
+        [_YE, _WINDOW, _J_YZ],
+        [_YE, _WINDOW_TWICE_MOMENT, _J_ZZ],
+        [_EE, _WINDOW, _J_ZZ],
+        [_SE, _WINDOW, _J_ZS],
+        [_TE, _WINDOW, _J_ZT],
+    ]
+)
+_WINDOW_ROW_SUMS = np.array(
+    [
+        [_J_XX, _WINDOW_MOMENT, _J_XZ],
+        [_J_XY, _WINDOW_MOMENT, _J_YZ],
+        [_J_XZ, _WINDOW_TWICE_MOMENT, _J_ZZ],
+        [_J_XX, _WINDOW_SECOND_MOMENT, _J_ZZ],
+        [_J_XS, _WINDOW_MOMENT, _J_ZS],
+        [_J_XT, _WINDOW_MOMENT, _J_ZT],
+    ]
+)
 
-
-class Filters(NamedTuple):
-    """Filters and windows as correlation kernels; those along s have one value per camera and scale to grey values."""
-
-    smoothing_s: NDArray[np.float32]
-    """S along s."""
-    derivative_s: NDArray[np.float32]
-    """D along s."""
-    moment_s: NDArray[np.float32]
-    """Moment of S along s: S times the offset of the principal point of a camera from that of the reference."""
-    smoothing_t: NDArray[np.float32]
-    """S along t."""
-    derivative_t: NDArray[np.float32]
-    """D along t."""
-    smoothing: NDArray[np.float32]
-    """S along x and y."""
-    derivative: NDArray[np.float32]
-    """D along x and y."""
-    moment: NDArray[np.float32]
-    """M along x and y, the moment of D."""
-    moment_less_smoothing: NDArray[np.float32]
-    """M - 2 S along x and y."""
-    window_t: NDArray[np.float32]
-    """Window along t."""
-    channels: NDArray[np.float32]
-    """Weights of the channels."""
-    window: NDArray[np.float32]
-    """w, the window along x and y."""
-    window_moment: NDArray[np.float32]
-    """w ξ."""
-    window_second_moment: NDArray[np.float32]
-    """w ξ²."""
-    window_twice_moment: NDArray[np.float32]
-    """2 w ξ."""
-    with_correction: bool
-    """Whether the correction of the divergence term is added."""
+_jit = subkernel()
 
 
 class Registered(NamedTuple):
@@ -207,7 +235,8 @@ def _derive(
     ``out``: Output, shape (5, y, x).
     """
     frames, rows = ring.shape[0], ring.shape[2]
-    smoothing, derivative, moment = filters.smoothing, filters.derivative, filters.moment
+    # Moments along y follow from motion along y only.
+    sums = _ALONG_X_SUMS.shape[0] - (0 if step[1] != 0.0 else 1)
     rows_x[:] = 0.0
     for y in range(rows):
         rows_t[:] = 0.0
@@ -224,24 +253,14 @@ def _derive(
                 _add(ring[slot, _SMOOTH, y], twice * step[0], rows_t[_T_MOMENT_X])
             if step[1] != 0.0:
                 _add(ring[slot, _SMOOTH, y], twice * step[1], rows_t[_T_MOMENT_Y])
-        _add_shifted(rows_t[_T_SMOOTH], smoothing, rows_x[_X_SMOOTH, y])
-        _add_shifted(rows_t[_T_SMOOTH], derivative, rows_x[_X_ALONG_X, y])
-        _add_shifted(rows_t[_T_SMOOTH], moment, rows_x[_X_MOMENT, y])
-        _add_shifted(rows_t[_T_MOMENT_X], derivative, rows_x[_X_MOMENT, y])
-        _add_shifted(rows_t[_T_ALONG_S], smoothing, rows_x[_X_ALONG_S, y])
-        _add_shifted(rows_t[_T_ALONG_T], smoothing, rows_x[_X_ALONG_T, y])
-        if step[1] != 0.0:
-            _add_shifted(rows_t[_T_MOMENT_Y], smoothing, rows_x[_X_MOMENT_Y, y])
+        for k in range(sums):
+            source, weights, to = _ALONG_X_SUMS[k]
+            _add_shifted(rows_t[source], filters.kernels[weights], rows_x[to, y])
     out[:] = 0.0
     for y in range(out.shape[1]):
-        _add_rows(rows_x[_X_ALONG_X], y, smoothing, out[_G_X, y])
-        _add_rows(rows_x[_X_SMOOTH], y, derivative, out[_G_Y, y])
-        _add_rows(rows_x[_X_ALONG_S], y, smoothing, out[_G_S, y])
-        _add_rows(rows_x[_X_ALONG_T], y, smoothing, out[_G_T, y])
-        _add_rows(rows_x[_X_MOMENT], y, smoothing, out[_G_E, y])
-        _add_rows(rows_x[_X_SMOOTH], y, filters.moment_less_smoothing, out[_G_E, y])
-        if step[1] != 0.0:
-            _add_rows(rows_x[_X_MOMENT_Y], y, derivative, out[_G_E, y])
+        for k in range(sums):
+            source, weights, to = _ALONG_Y_SUMS[k]
+            _add_rows(rows_x[source], y, filters.kernels[weights], out[to, y])
 
 
 @_jit
@@ -282,50 +301,28 @@ def _accumulate_products(derivatives: Any, w: Any, with_correction: bool, y: int
 @_jit
 def _window_columns(products: Any, y: int, filters: Filters, out: Any) -> None:
     """Sum the weighted products along y to 15 rows, which `_window_row` sums along x to the entries of the tensor."""
-    w0, w1, w2 = filters.window, filters.window_moment, filters.window_second_moment
-    double = filters.window_twice_moment
     out[:] = 0.0
-    _add_rows(products[_XX], y, w0, out[_J_XX])
-    _add_rows(products[_XY], y, w0, out[_J_XY])
-    _add_rows(products[_YY], y, w0, out[_J_YY])
-    _add_rows(products[_XY], y, w1, out[_J_XZ])
-    _add_rows(products[_YY], y, w1, out[_J_YZ])
-    _add_rows(products[_YY], y, w2, out[_J_ZZ])
-    _add_rows(products[_XS], y, w0, out[_J_XS])
-    _add_rows(products[_YS], y, w0, out[_J_YS])
-    _add_rows(products[_YS], y, w1, out[_J_ZS])
-    _add_rows(products[_XT], y, w0, out[_J_XT])
-    _add_rows(products[_YT], y, w0, out[_J_YT])
-    _add_rows(products[_YT], y, w1, out[_J_ZT])
-    _add_rows(products[_SS], y, w0, out[_J_SS])
-    _add_rows(products[_ST], y, w0, out[_J_ST])
-    _add_rows(products[_TT], y, w0, out[_J_TT])
+    for k in range(_WINDOW_COLUMN_SUMS.shape[0]):
+        source, weights, to = _WINDOW_COLUMN_SUMS[k]
+        _add_rows(products[source], y, filters.windows[weights], out[to])
     if filters.with_correction:
-        _add_rows(products[_XE], y, w0, out[_J_XZ])
-        _add_rows(products[_YE], y, w0, out[_J_YZ])
-        _add_rows(products[_YE], y, double, out[_J_ZZ])
-        _add_rows(products[_EE], y, w0, out[_J_ZZ])
-        _add_rows(products[_SE], y, w0, out[_J_ZS])
-        _add_rows(products[_TE], y, w0, out[_J_ZT])
+        for k in range(_CORRECTION_SUMS.shape[0]):
+            source, weights, to = _CORRECTION_SUMS[k]
+            _add_rows(products[source], y, filters.windows[weights], out[to])
 
 
 @_jit
 def _window_row(rows: Any, filters: Filters, out: Any) -> None:
     """Sum the weighted rows along x: one row of the tensor entries."""
-    w0, w1, w2 = filters.window, filters.window_moment, filters.window_second_moment
-    double = filters.window_twice_moment
     out[:] = 0.0
     for entry in range(_ENTRIES):
-        _add_shifted(rows[entry], w0, out[entry])
-    _add_shifted(rows[_J_XX], w1, out[_J_XZ])
-    _add_shifted(rows[_J_XY], w1, out[_J_YZ])
-    _add_shifted(rows[_J_XZ], double, out[_J_ZZ])
-    _add_shifted(rows[_J_XX], w2, out[_J_ZZ])
-    _add_shifted(rows[_J_XS], w1, out[_J_ZS])
-    _add_shifted(rows[_J_XT], w1, out[_J_ZT])
+        _add_shifted(rows[entry], filters.windows[_WINDOW], out[entry])
+    for k in range(_WINDOW_ROW_SUMS.shape[0]):
+        source, weights, to = _WINDOW_ROW_SUMS[k]
+        _add_shifted(rows[source], filters.windows[weights], out[to])
 
 
-@numba.njit(forceinline=True, error_model="numpy")
+@inlined
 def _rotate(m: Any, p: int, q: int, others: tuple[int, int, int]) -> None:
     """Rotate axes p and q of all matrices to eliminate their entry (p, q); ``others`` are the other axes."""
     i, j, k = others
@@ -397,7 +394,7 @@ def _diagonalise(m: Any) -> None:
         _rotate(m, _S, _T, (_X, _Y, _Z))
 
 
-@numba.njit(forceinline=True, error_model="numpy")
+@inlined
 def _order(m: Any, p: int, q: int) -> None:
     """Exchange the eigenvalues p and q and their vectors where the second is larger."""
     one, two = _ENTRY[p, p], _ENTRY[q, q]
@@ -630,7 +627,7 @@ def _keep_better(found: Any, candidate: int, best: BestRegistration, frame: int,
             best.covariance_y_z[at] = found[_COVARIANCE_Y_Z, x]
 
 
-@_jit
+@kernel()
 def estimate_tile(
     view: Registered,
     filters: Filters,
@@ -641,8 +638,8 @@ def estimate_tile(
     tile: NDArray[np.int64],
 ) -> None:
     """Estimate frames at one registration in one tile (first and last + 1 row, then column), in one thread."""
-    taps_t, taps = filters.smoothing_t.shape[0], filters.smoothing.shape[0]
-    frames_in_window, window = filters.window_t.shape[0], filters.window.shape[0]
+    taps_t, taps = filters.smoothing_t.shape[0], filters.kernels.shape[1]
+    frames_in_window, window = filters.window_t.shape[0], filters.windows.shape[1]
     channels, cameras = view.images.shape[0], view.images.shape[1]
     reach = taps // 2 + window // 2
     speed = view.flow.astype(np.float32)

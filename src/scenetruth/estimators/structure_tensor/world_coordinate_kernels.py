@@ -8,15 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenetruth.estimators.structure_tensor.maps import BestRegistration, EstimateMaps, Texture
-from scenetruth.kernels import kernel
+from scenetruth.kernels import kernel, subkernel
 
 __all__ = ["Axes", "NoisePower", "WorkingPoints", "to_world"]
 
 _NONE, _NORMAL, _FULL = 0, 1, 2
 # Largest residual displacement between two cameras or two frames at the best of several registrations, in px.
 _MOST_LEFT = 1.0
-
-_jit = kernel(error_model="numpy")
 
 
 class Axes(NamedTuple):
@@ -64,7 +62,7 @@ class NoisePower(NamedTuple):
     motion_t: NDArray[np.float64]
 
 
-@_jit
+@subkernel()
 def _look_up(phase: float, phases: Any, table: Any) -> float:
     """Interpolate a table linearly, with constant extrapolation."""
     position = min(phase / phases[1], len(phases) - 1.0)
@@ -73,25 +71,7 @@ def _look_up(phase: float, phases: Any, table: Any) -> float:
     return float((1.0 - part) * table[index] + part * table[index + 1])
 
 
-@_jit
-def _forget(maps: EstimateMaps, frame: int, row: int, x: int) -> None:
-    """Mark a pixel as invalid."""
-    at = frame, row, x
-    maps.depth[at] = maps.disparity[at] = maps.divergence[at] = np.nan
-    maps.depth_std[at] = maps.disparity_std[at] = maps.working_point[at] = np.nan
-    for k in range(3):
-        maps.velocity[k, frame, row, x] = maps.velocity_std[k, frame, row, x] = np.nan
-    for k in range(2):
-        maps.flow[k, frame, row, x] = np.nan
-    if maps.shift.size > 0:
-        maps.shift[0, frame, row, x] = maps.shift[1, frame, row, x] = np.nan
-    for k in range(5):
-        maps.eigenvalues[k, frame, row, x] = np.nan
-    maps.confidence[at] = 0.0
-    maps.kind[at] = maps.kind_disparity[at] = maps.kind_motion[at] = maps.model_violation[at] = 0
-
-
-@_jit
+@kernel()
 def to_world(
     axes: Axes,
     points: WorkingPoints,
@@ -103,13 +83,12 @@ def to_world(
     first_row: int,
     rows: tuple[int, int],
 ) -> None:
-    """Compute world coordinates (paper, end of section 3), pixel by pixel."""
+    """Compute world coordinates (paper, end of section 3), pixel by pixel, in maps that are invalid everywhere."""
     elsewhere = axes.centre_s != 0.0 or axes.centre_t != 0.0
     for y in range(rows[0], rows[1]):
         row = first_row + y
         for x in range(best.choice.shape[2]):
             at, out = (frame, y, x), (frame, row, x)
-            _forget(maps, frame, row, x)
             if best.choice[at] < 0:
                 continue
             for k in range(5):
