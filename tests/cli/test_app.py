@@ -280,6 +280,24 @@ def test_ctrl_c_during_a_render_leaves_nothing_behind(scene_file: Path, tmp_path
     assert names(tmp_path) == set()
 
 
+@pytest.mark.parametrize(("arguments", "expected"), [(["--version"], 0), (["check", "/proc/none.yaml"], 2)])
+def test_objects_are_not_freed_at_the_end(arguments: list[str], expected: int) -> None:
+    """Compiling leaves objects that take more than a second to free; threads and exit handlers end as usual."""
+    code = (
+        "import atexit, sys, threading, time\n"
+        "class Kept:\n    def __del__(self): print('freed')\n"
+        "kept = Kept()\n"
+        "def last():\n    time.sleep(0.2)\n    print('thread')\n    atexit.register(print, 'handler')\n"
+        "from scenetruth.cli import main\n"
+        "threading.Thread(target=last).start()\n"
+        "main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False)
+    assert done.returncode == expected, done.stderr
+    assert done.stdout.split()[-2:] == ["thread", "handler"]
+    assert bool(done.stderr) == (expected != 0)
+
+
 def test_a_full_disk_is_reported(scene_file: Path, tmp_path: Path) -> None:
     # A limit on the size of files is what a process can set for itself without root.
     code = (
