@@ -8,9 +8,8 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
@@ -31,6 +30,8 @@ class FigureWorker:
     def __init__(self) -> None:
         self._process: subprocess.Popen[str] | None = None
         self._asked = False
+        # Requests wait for the answers to earlier requests.
+        self._requests = ThreadPoolExecutor(1, "figures")
 
     def __enter__(self) -> Self:
         with suppress(OSError):
@@ -49,6 +50,7 @@ class FigureWorker:
     ) -> None:
         if self._process is not None:
             self._process.kill()
+            self._requests.shutdown(cancel_futures=True)
             self._process.communicate()
 
     def compile_method(self, choice: MethodChoice, dtype: str) -> None:
@@ -77,26 +79,20 @@ class FigureWorker:
             self._process.stdin.flush()
 
     def draw(self, name: str, stores: dict[str, str | None], folder: Path) -> Future[FigureInfo | None]:
-        """Draw a figure, one at a time."""
+        """Draw a figure after those requested earlier, unless it is cancelled before; any error may occur."""
         self._asked = True
-        future: Future[FigureInfo | None] = Future()
-        request = json.dumps({"name": name, "folder": str(folder), **stores})
-        threading.Thread(target=self._ask, args=(request, future), daemon=True).start()
-        return future
+        return self._requests.submit(self._ask, json.dumps({"name": name, "folder": str(folder), **stores}))
 
-    def _ask(self, request: str, future: Future[FigureInfo | None]) -> None:
-        try:
-            if self._process is None or self._process.stdin is None or self._process.stdout is None:
-                msg = "no second process"
-                raise OSError(msg)
-            self._process.stdin.write(request + "\n")
-            self._process.stdin.flush()
-            values = json.loads(self._process.stdout.readline())["figure"]
-            from scenetruth.scoring import FigureInfo
+    def _ask(self, request: str) -> FigureInfo | None:
+        if self._process is None or self._process.stdin is None or self._process.stdout is None:
+            msg = "no second process"
+            raise OSError(msg)
+        self._process.stdin.write(request + "\n")
+        self._process.stdin.flush()
+        values = json.loads(self._process.stdout.readline())["figure"]
+        from scenetruth.scoring import FigureInfo
 
-            future.set_result(None if values is None else FigureInfo(*values))
-        except Exception as error:  # the process may end at any time, for any reason
-            future.set_exception(error)
+        return None if values is None else FigureInfo(*values)
 
 
 @contextmanager

@@ -23,6 +23,7 @@ from scenetruth.scoring.error_pairs import (
     percent_per_hour,
 )
 from scenetruth.settings import ScoreSettings
+from scenetruth.threads import in_order
 
 __all__ = [
     "GrowthMaps",
@@ -81,7 +82,7 @@ Moments = tuple[Map, Map, Map]
 
 _TRUNCATE = 3.0
 """Extent of the window in standard deviations. The fit of affine fields is exact for any weights."""
-_BAND_PIXELS = 600_000  # pixels of a segment that are fitted together
+_BAND_PIXELS = 320_000  # pixels of a segment that are fitted together, in each of two threads
 _FLAT = 1e-6
 """Minimum determinant of a window's covariance, in units of sigma^4, below which x and y are not separable."""
 
@@ -261,11 +262,9 @@ def compute_growth_maps(estimate: xr.Dataset, truth: xr.Dataset, settings: Score
 
 def _maps(estimate: xr.Dataset, truth: xr.Dataset, settings: ScoreSettings) -> GrowthMaps:
     known, finite = _valid(estimate), _finite(truth)
-    return GrowthMaps(
-        estimate=_rates(estimate, known, known, settings),
-        truth=truth["growth_rate"].values.astype(np.float64),
-        truth_windowed=_rates(truth, known & finite, finite, settings),
-    )
+    tasks = (estimate, known, known), (truth, known & finite, finite)
+    found, windowed = in_order(lambda task: _rates(*task, settings), tasks, at_once=len(tasks))
+    return GrowthMaps(found, truth["growth_rate"].values.astype(np.float64), windowed)
 
 
 def has_growth_rate(estimate: xr.Dataset, truth: xr.Dataset) -> bool:

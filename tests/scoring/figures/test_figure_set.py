@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import Future
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from scenetruth.errors import ScoreError
 from scenetruth.schema import STATUS_FALLBACK, STATUS_INVALID, STATUS_VALID
 from scenetruth.scoring import plot_all, score, write_report
 from scenetruth.scoring.figures import (
+    FigureInfo,
     SurfaceView,
     arrow_factor,
     build_surface,
@@ -543,3 +545,44 @@ def test_fallback_values_are_hatched_on_request(small_case: Case, tmp_path: Path
         assert np.isfinite(views.estimate["depth"][25, 40]) == include
     assert_legible(tmp_path / "True")
     assert shown[0].shape != shown[1].shape or (shown[0] != shown[1]).any()
+
+
+@pytest.mark.parametrize("fate", ["drawn", "failed", "not begun"])
+def test_another_process_draws_while_this_one_does_other_work(
+    fate: str, small_case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+    here: list[str] = []
+    before: list[tuple[list[str], list[str]]] = []
+
+    def draw(name: str, where: list[str]) -> FigureInfo:
+        where.append(name)
+        return FigureInfo(f"{name}.png", name, "")
+
+    def elsewhere(name: str) -> Future[FigureInfo | None]:
+        future: Future[FigureInfo | None] = Future()
+        if fate == "failed":
+            future.set_exception(OSError("ended"))
+        figure = draw(name, asked)
+        if fate == "drawn":
+            future.set_result(figure)
+        return future
+
+    plan = {name: lambda name=name: draw(name, here) for name in "abcdef"}
+    monkeypatch.setitem(plot_all.__globals__, "_plan", lambda *_: plan)
+    figures = plot_all(
+        small_case.recording,
+        small_case.estimate,
+        folder=tmp_path,
+        elsewhere=elsewhere,
+        meanwhile=lambda: before.append(([*asked], [*here])),
+    )
+    assert "".join(figure.title for figure in figures) == "abcdef"
+    # The other work is done once, after figures are asked for and before the first is drawn here.
+    assert before == [(["f", "e"], [])]
+    if fate == "drawn":
+        assert sorted(asked + here) == [*plan]
+        assert len(asked) > 2
+    else:
+        assert sorted(here) == [*plan]
+        assert len(asked) == 2

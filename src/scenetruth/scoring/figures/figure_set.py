@@ -29,6 +29,8 @@ from scenetruth.scoring.score_result import Score, includes_fallback
 
 __all__ = ["FIGURES", "plot_all", "plot_one"]
 
+_AHEAD = 2  # figures that another process is asked for together, so that it is never without work
+
 Draw = Callable[[], FigureInfo | None]
 
 FIGURES = (
@@ -58,9 +60,14 @@ def plot_all(
     *,
     names: Collection[str] | None = None,
     elsewhere: Callable[[str], Future[FigureInfo | None]] | None = None,
+    meanwhile: Callable[[], None] = lambda: None,
     also: Collection[str] = (),
 ) -> list[FigureInfo]:
-    """Draw every figure; all except the histograms show the valid pixels of one frame, t = 0 or the middle one."""
+    """Draw every figure; all except the histograms show the valid pixels of one frame, t = 0 or the middle one.
+
+    ``elsewhere``: Ask another process for a figure; if that fails, the figure is drawn here.
+    ``meanwhile``: Other work of this process, done while the other draws its first figures.
+    """
     check_truth_and_score(truth, score)
     target = Path(folder)
     plan = _plan(recording, estimate, truth, score, target)
@@ -75,24 +82,31 @@ def plot_all(
         elsewhere = None
     target.mkdir(parents=True, exist_ok=True)
     left = deque(name for name in plan if names is None or name in names)
-    total, done = len(left), 0
+    total, done, shown = len(left), 0, -1
     found: dict[str, FigureInfo | None] = {}
-    away: tuple[str, Future[FigureInfo | None]] | None = None
-    while left or away is not None:
-        if progress is not None:
+    away: deque[tuple[str, Future[FigureInfo | None]]] = deque()
+    started = False
+    while left or away or not started:
+        if progress is not None and done > shown:
             progress("report", done, total)
-        if away is not None and (away[1].done() or not left):
-            if away[1].exception() is None:
-                found[away[0]] = away[1].result()
+            shown = done
+        if elsewhere is not None and len(away) < _AHEAD and len(left) > 1:
+            name = left.pop()
+            away.append((name, elsewhere(name)))
+        elif not started:
+            meanwhile()
+            started = True
+        elif not left and away[-1][1].cancel():
+            left.append(away.pop()[0])
+        elif away and (away[0][1].done() or not left):
+            name, asked = away.popleft()
+            if asked.exception() is None:
+                found[name] = asked.result()
                 done += 1
             else:
                 # Drawing it again in this process raises the error here.
-                left.append(away[0])
+                left.append(name)
                 elsewhere = None
-            away = None
-        elif away is None and elsewhere is not None and len(left) > 1:
-            name = left.pop()
-            away = name, elsewhere(name)
         else:
             name = left.popleft()
             with style(), also_as(also):

@@ -45,6 +45,7 @@ from scenetruth.scoring.report.surface_rows import describe_surfaces
 from scenetruth.scoring.report.viewer import Viewer, build_viewer, json_for_script, packed_plotly, viewer_script
 from scenetruth.scoring.score_result import Score
 from scenetruth.scoring.scorer import score as evaluate
+from scenetruth.threads import in_order
 
 __all__ = ["inline_picture", "matches_fingerprint", "write_report", "write_report_with"]
 
@@ -188,6 +189,12 @@ def write_report_with(
     if truth is not None and score is None:
         score = evaluate(estimate, truth, recording, allow_mismatch=True)
     target = Path(output)
+    viewer: Viewer
+
+    def build() -> None:
+        nonlocal viewer
+        viewer = build_viewer(recording, estimate, truth, score)
+
     drawn = plot_all(
         recording,
         estimate,
@@ -197,9 +204,9 @@ def write_report_with(
         progress,
         names=figures,
         elsewhere=elsewhere,
+        meanwhile=build,
         also=tuple(one for one in figure_formats if one != "png"),
     )
-    viewer = build_viewer(recording, estimate, truth, score)
     page = target / "report.html"
     rendered = _render(recording, estimate, truth, score, drawn, target / "figures", made_of, viewer, practice)
     page.write_text(rendered, encoding="utf-8")
@@ -236,8 +243,9 @@ def _render(
     scene = read_scene(recording)
     metadata = recording.attrs if score is None else score.metadata
     method = str(estimate.attrs.get("method", ""))
-    content = _content_without_truth(estimate)
-    if score is not None:
+    if score is None:
+        content = _content_without_truth(estimate)
+    else:
         content = _content_with_truth(score, viewer, method)
         names = [] if truth is None or "object_id" not in truth else read_object_names(truth)
         content["empty_objects"] = [f"“{name}”" for name in names if f"object_{name}" not in score.regions]
@@ -247,7 +255,7 @@ def _render(
         made_of=made_of,
         name=(scene or {}).get("description"),
         notices=list(_notices(metadata)),
-        figures=[(figure, *inline_picture(folder / figure.file)) for figure in figures],
+        figures=[*in_order(lambda figure: (figure, *inline_picture(folder / figure.file)), figures, at_once=2)],
         practice=practice,
         settings_table=describe_settings(method, _settings_of(estimate, score)),
         metadata=list(_metadata_rows(recording, estimate, score)),
