@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +58,7 @@ def test_a_method_that_writes_to_its_images_is_named_and_harms_no_other() -> Non
     assert "meddling" in together.failures[0]
     assert "modifies the recording" in together.failures[0]
     alone = compare("structure_tensor", **QUICK)
-    rows = [[row for row in found.rows if row.quantity] for found in (together, alone)]
+    rows = [[astuple(row) for row in found.rows if row.quantity] for found in (together, alone)]
     assert rows[0] == rows[1] != []
 
 
@@ -82,7 +83,8 @@ def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
     before = kept.stat().st_mtime_ns
     again = compare([nearest, failing], output=tmp_path / "c", **QUICK)
     assert kept.stat().st_mtime_ns > before, "what failed is tried again"
-    assert [row for row in again.rows if row.quantity] == [row for row in found.rows if row.quantity]
+    first, second = ([astuple(row) for row in each.rows if row.quantity] for each in (found, again))
+    assert first == second
     # A file that was not written to its end, or of another version, is made again.
     plain = json.loads(kept.read_text())
     kept.write_text(json.dumps({**plain, "key": "of another"}))
@@ -102,7 +104,7 @@ def test_what_has_succeeded_is_not_measured_again_and_its_number_is_told(tmp_pat
     before = kept.stat().st_mtime_ns
     again = compare(nearest, output=tmp_path / "c", **QUICK)
     assert kept.stat().st_mtime_ns == before
-    assert again.rows == found.rows
+    assert [*map(astuple, again.rows)] == [*map(astuple, found.rows)]
     assert messages[0] == "reused: 1 of 1 scenes; 0 remaining"
     assert "--fresh" in messages[1]
     assert len(messages) == 2
