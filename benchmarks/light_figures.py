@@ -8,7 +8,9 @@ from __future__ import annotations
 import math
 import time
 import warnings
+from contextlib import ExitStack
 from typing import Any
+from unittest import mock
 
 import numba
 import numpy as np
@@ -17,7 +19,8 @@ from benchmarks.jobs import heading, line
 
 import scenetruth as st
 from scenetruth.camera import Viewpoint
-from scenetruth.render import choose_renderer
+from scenetruth.render import area_lamps, choose_renderer
+from scenetruth.render.lamp_lattice_kernels import CLEAR, EXACT, UNKNOWN
 from scenetruth.render.reflectance_kernels import albedo_tables
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.material import Material
@@ -49,6 +52,21 @@ CHANGES: dict[str, tuple[str, ...]] = {
 }
 """Variants of the rosette."""
 ROUNDS = 4
+PLACE = "reference_distance_mm: 600, irradiance: 0.75"
+LAMPS = {
+    "disc, 12 mm": f"{{kind: disc, position_mm: [-200, -100, 100], target_mm: [0, 0, 600], radius_mm: 12, {PLACE}}}",
+    "disc, 60 mm": f"{{kind: disc, position_mm: [250, -150, 0], target_mm: [0, 0, 600], radius_mm: 60, {PLACE}}}",
+    "rectangle": f"{{kind: rectangle, position_mm: [99, -200, 0], target_mm: [0, 0, 600], size_mm: [90, 30], {PLACE}}}",
+    "sphere": f"{{kind: sphere, position_mm: [-150, -200, 50], radius_mm: 18, {PLACE}}}",
+}
+PENUMBRAE: dict[str, tuple[str, tuple[str, ...]]] = {
+    "rosette, ring": (SCENE, (*GLOSSY, RING)),
+    **{f"rosette, {name}": (SCENE, (*GLOSSY, f"lighting.lights=[{lamp}]")) for name, lamp in LAMPS.items()},
+    "leaf, disc, 12 mm": ("leaf", (f"lighting.lights=[{LAMPS['disc, 12 mm']}]",)),
+    "seedling, sphere": ("seedling", (f"lighting.lights=[{LAMPS['sphere']}]",)),
+}
+"""Scenes and lamps for errors of interpolated shares."""
+FURTHER = 2e-3
 
 
 def walls() -> list[dict[str, Any]]:
@@ -139,6 +157,55 @@ def threads() -> None:
     print(f"\nrosette, gloss, ring lamp: bytes of 1 and {count} threads equal: {found[0] == found[1]}")
 
 
+def shares_of(scene: st.Scene, **patched: Any) -> tuple[Floats, Floats, Floats]:
+    """Return the image, the shares of the first lamp at pixel centres, and what is known of the pixels.
+
+    ``patched``: Attributes of `scenetruth.render.area_lamps`.
+    """
+    views: list[Any] = []
+    begin = area_lamps.AreaLamps.begin
+
+    def keep(self: area_lamps.AreaLamps, *given: Any) -> None:
+        begin(self, *given)
+        views.append(self._view)
+
+    with ExitStack() as stack:
+        stack.enter_context(mock.patch.object(area_lamps.AreaLamps, "begin", keep))
+        for name, value in patched.items():
+            stack.enter_context(mock.patch.object(area_lamps, name, value))
+        image = image_of(scene)
+    return image, views[0].shares[0], views[0].knowledge
+
+
+def interpolation() -> None:
+    """Print the errors of shares of light that are interpolated between pixels."""
+    print()
+    print(heading(("scene, lamp", "pixels in penumbrae", "shares beyond 2e-3, %", "largest difference")))
+    for name, (file, changes) in PENUMBRAE.items():
+        given = st.load_scene(file, overrides=changes)
+        (_, found, knowledge), (_, computed, _) = shares_of(given), shares_of(given, _INTERPOLATED=-1.0)
+        # Elsewhere, shares are not interpolated.
+        kept = (knowledge == EXACT) | (knowledge == CLEAR)
+        differs = np.abs(found - computed)[..., 0][kept]
+        some = np.count_nonzero((computed[..., 0] > 0) & (computed[..., 0] < 1))
+        print(line((name, some, f"{100 * np.mean(differs > FURTHER):.4f}", f"{differs.max():.1e}")), flush=True)
+    scene = st.load_scene(SCENE, overrides=(*GLOSSY, RING))
+    image, _, knowledge = shares_of(scene)
+    wider = image_of(st.load_scene(SCENE, overrides=(*GLOSSY, RING, "camera.width=646")))
+    with mock.patch.object(area_lamps.AreaLamps, "_view_of", return_value=None):
+        exact = image_of(scene)
+    rows = (
+        ("light at every sample", np.abs(image - exact)),
+        ("the same, without outlines", np.abs(image - exact)[knowledge != UNKNOWN]),
+        ("the same points in an image of 646 px", np.abs(image - wider[:, 3:-3])),
+    )
+    print()
+    print(heading(("image of the rosette under the ring, compared with", "pixels beyond 2e-3, %", "largest", "RMS")))
+    for name, differs in rows:
+        rms = np.sqrt(np.mean(differs**2))
+        print(line((name, f"{100 * np.mean(differs > FURTHER):.4f}", f"{differs.max():.1e}", f"{rms:.1e}")))
+
+
 def times() -> None:
     """Print the least processor time of an image of the variants of the rosette, which are rendered by turns."""
     renderers = {}
@@ -164,6 +231,7 @@ def main() -> None:
     furnace()
     closed_forms()
     threads()
+    interpolation()
     times()
 
 

@@ -21,8 +21,6 @@ __all__ = ["AreaLamps", "SeenPoints", "largest_pixel_angle", "pack_lamp"]
 Surface = tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]
 Seen = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int32]]
 _INTERPOLATED = 2e-3  # largest error of interpolated shares of light at the nearest pixels
-_EVEN = 0.3
-"""Range of shares around a pixel, up to which a plane through them serves for its samples."""
 _STEEP = 0.12  # difference of shares of neighbours, from which every sample has its own
 _BEND = 1e-4  # relative error of the light that is interpolated between the corners of a face
 _APART = 6.0  # pixels between two surfaces, in depth
@@ -374,9 +372,7 @@ class AreaLamps:
         light[left] *= near
 
     def _shares_near(self, view: _View, number: int, place: SeenPoints, surface: Surface) -> NDArray[np.float64]:
-        """Return shares at points in pixels without knowledge: those of their centres, of pixels around, or exact."""
-        from scenetruth.render.lamp_lattice_kernels import extrapolate
-
+        """Return shares at points in pixels without knowledge: those of centres on the same surface, or exact."""
         packed, depths, shares = view.packed[number], view.depths[number], view.shares[number]
         assert depths is not None
         assert packed is not None
@@ -386,12 +382,8 @@ class AreaLamps:
         found: NDArray[np.float64] = shares.reshape(-1, 2)[row_major]
         close = np.abs(view.distance_mm.ravel()[row_major] - distance) < apart * distance
         other = np.flatnonzero(~(view.centres.ravel()[row_major] & (view.body.ravel()[row_major] == bodies) & close))
-        points, image = (bodies[other], distance[other]), (view.body, view.distance_mm)
-        around = extrapolate(row_major[other], points, image, view.knowledge, shares, apart)
-        found[other] = around[:, :2]
-        some = other[~(around[:, 2] <= _EVEN)]
-        exact, _ = self._exact_shares(view.caster, packed, depths, place.some(some), surface, np.zeros(len(some)))
-        found[some] = exact[:, :2]
+        exact, _ = self._exact_shares(view.caster, packed, depths, place.some(other), surface, np.zeros(len(other)))
+        found[other] = exact[:, :2]
         return found
 
     def _find_shares(self, view: _View, place: SeenPoints, surface: Surface, mixed: NDArray[np.bool_]) -> None:
@@ -429,6 +421,7 @@ class AreaLamps:
             STEEP,
             SURE,
             UNKNOWN,
+            find_bends,
             predict_level,
         )
 
@@ -438,11 +431,10 @@ class AreaLamps:
         first = np.zeros(shape, dtype=np.bool_)
         first[::COARSEST, ::COARSEST] = label[::COARSEST, ::COARSEST] > 0
         values[first] = np.nan
-        for step, diagonal in ((COARSEST, False), *LEVELS):
-            wanted = first
-            if step < COARSEST:
-                wanted = predict_level(step, diagonal, label, known, values, error, _INTERPOLATED)
-            pixels = np.flatnonzero(wanted)
+        computed = np.zeros(label.size, dtype=np.bool_)
+
+        def compute(pixels: NDArray[np.int64], step: int) -> None:
+            """Compute shares at pixels of a level, and their differences from interpolation."""
             chosen = number_of[pixels]
             # Up to the middle between pixels with values.
             near = 0.75 * step * size[chosen]
@@ -453,6 +445,25 @@ class AreaLamps:
             error.ravel()[pixels] = np.where(np.isnan(differs), np.inf, differs)
             values.reshape(-1, 2)[pixels] = found[:, :2]
             known.ravel()[pixels] = np.where(state == CERTAIN, SURE, EXACT)
+            computed[pixels] = True
+
+        for step, diagonal in ((COARSEST, False), *LEVELS):
+            wanted = first
+            if step < COARSEST:
+                wanted = predict_level(step, diagonal, label, known, values, error, _INTERPOLATED)
+            compute(np.flatnonzero(wanted), step)
+        # Interpolated values next to bends, and around those of them that differ from the computed values.
+        pixels = np.flatnonzero(find_bends(label, known, values, _INTERPOLATED))
+        while len(pixels := pixels[~computed[pixels]]):
+            compute(pixels, 1)
+            rows, columns = np.divmod(pixels[error.ravel()[pixels] > _INTERPOLATED], shape[1])
+            around = [
+                v * shape[1] + u
+                for v in (np.maximum(rows - 1, 0), rows, np.minimum(rows + 1, shape[0] - 1))
+                for u in (np.maximum(columns - 1, 0), columns, np.minimum(columns + 1, shape[1] - 1))
+            ]
+            pixels = np.unique(np.concatenate(around))
+            pixels = pixels[known.ravel()[pixels] == EXACT]
         apart = np.zeros(shape, dtype=np.bool_)
         for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
             differ = (np.abs(values[one] - values[other]) > _STEEP).any(axis=-1)

@@ -19,7 +19,7 @@ __all__ = [
     "SURE",
     "UNKNOWN",
     "apply_shares",
-    "extrapolate",
+    "find_bends",
     "light_samples",
     "mix_light",
     "predict_level",
@@ -34,8 +34,8 @@ COARSEST = 8
 LEVELS = ((4, True), (4, False), (2, True), (2, False), (1, True), (1, False))
 """Steps from a pixel to its nearest pixels with values, diagonally (True) or along rows and columns, level by level."""
 _FINE = 2  # step up to which the tolerance is constant; it decreases with the square of longer steps
-_FEWEST, _FLAT = 5, 0.03  # pixels around a point from which values are extrapolated, and their distance from a plane
-_SAME = 1e-3  # difference from no light and all light
+_CUBIC = 4.0  # error of a value by a cubic function, where one by lines has that of their difference
+_NEAREST = 2.0  # tolerance of what interpolations differ by at the nearest pixels, where most differences halve again
 _LEAST_ROWS, _LEAST_SAMPLES = 8, 16384
 
 
@@ -49,6 +49,10 @@ def predict_level(
     tolerance: float,
 ) -> NDArray[np.bool_]:
     """Interpolate the pixels of one level, in place, and return those that must be computed, shape (height, width).
+
+    These are pixels next to which computed values differed from interpolation, and those for which interpolations along
+    different lines, or by lines and by cubic functions, differ: visibility bends where outlines enter the lamp. On one
+    line only, values of shares are between those at its ends, so that half their difference is the largest error.
 
     ``label``: Number of the surface at each pixel, 0 for none, shape (height, width).
     ``known``: `UNKNOWN`, `EXACT` or `SURE`. ``values``: Shape (height, width, 2); for pixels to be computed, the
@@ -81,7 +85,7 @@ def _predict_level(
             if own == 0 or known[y, x] != UNKNOWN:
                 continue
             count, sure, worst, one, other = 0, 0, 0.0, 0.0, 0.0
-            pairs, half_one, half_other = 0, 0.0, 0.0
+            pairs, half_one, half_other, differs = 0, 0.0, 0.0, 0.0
             for k in range(4):
                 v, u = y + near[k, 0] * step, x + near[k, 1] * step
                 if v < 0 or u < 0 or v >= rows or u >= columns or label[v, u] != own or known[v, u] == UNKNOWN:
@@ -95,8 +99,14 @@ def _predict_level(
                 v, u = y - near[k, 0] * step, x - near[k, 1] * step
                 if k % 2 == 0 and 0 <= v < rows and 0 <= u < columns and label[v, u] == own and known[v, u] != UNKNOWN:
                     pairs += 1
-                    half_one += 0.5 * (values[v, u, 0] + values[y + near[k, 0] * step, x + near[k, 1] * step, 0])
-                    half_other += 0.5 * (values[v, u, 1] + values[y + near[k, 0] * step, x + near[k, 1] * step, 1])
+                    end_y, end_x = y + near[k, 0] * step, x + near[k, 1] * step
+                    first = 0.5 * (values[v, u, 0] + values[end_y, end_x, 0])
+                    second = 0.5 * (values[v, u, 1] + values[end_y, end_x, 1])
+                    if pairs == 1:
+                        differs = abs(first - values[v, u, 0]) + abs(second - values[v, u, 1])
+                    else:
+                        differs = abs(first - half_one) + abs(second - half_other)
+                    half_one, half_other = half_one + first, half_other + second
             if count >= 2 and sure == count:
                 known[y, x], values[y, x, 0], values[y, x, 1], error[y, x] = SURE, 1.0, 1.0, 0.0
                 continue
@@ -115,90 +125,53 @@ def _predict_level(
                     far_one, far_other = far_one + values[v, u, 0], far_other + values[v, u, 1]
                 if beyond == 8:
                     # Exact for cubic functions.
-                    one, other = 1.25 * one - far_one / 32.0, 1.25 * other - far_other / 32.0
+                    cubic_one, cubic_other = 1.25 * one - far_one / 32.0, 1.25 * other - far_other / 32.0
+                    differs = max(differs, _CUBIC * (abs(cubic_one - one) + abs(cubic_other - other)))
+                    one, other = cubic_one, cubic_other
             values[y, x, 0], values[y, x, 1] = min(max(one, 0.0), 1.0), min(max(other, 0.0), 1.0)
-            if worst * max(step, _FINE) ** 2 <= tolerance * _FINE**2:
+            limit = tolerance if step > 1 else _NEAREST * tolerance
+            if worst * max(step, _FINE) ** 2 <= tolerance * _FINE**2 and differs <= limit:
                 known[y, x], error[y, x] = EXACT, worst
             else:
                 wanted[y, x] = True
 
 
-def extrapolate(
-    pixels: NDArray[np.int64],
-    places: tuple[NDArray[np.int32], NDArray[np.float64]],
-    image: tuple[NDArray[np.int32], NDArray[np.float64]],
-    knowledge: NDArray[np.uint8],
-    values: NDArray[np.float64],
-    apart: float,
-) -> NDArray[np.float64]:
-    """Return both values at points from planes through the pixels with values around them, and the range, shape (n, 3).
+def find_bends(
+    label: NDArray[np.int32], known: NDArray[np.uint8], values: NDArray[np.float64], tolerance: float
+) -> NDArray[np.bool_]:
+    """Return the pixels with a value next to which values bend, shape (height, width).
 
-    ``pixels``: In row-major order, shape (n,).
-    ``places``: Body of each point, and distance from the camera, shape (n,) each.
-    ``image``: The same for all pixels, shape (height, width) each.
-    ``knowledge``: See `apply_shares`, shape (height, width). ``values``: Shape (height, width, 2).
-    ``apart``: Difference of the distances between surfaces, relative to the distance.
-    Returns: The range of the values of the pixels; NaN if there are too few, if they do not lie in a plane within
-    `_FLAT`, or if the point may be in a shadow that they do not see.
+    At a bend, a value differs from the mean of both its neighbours in the row or in the column by more than the
+    tolerance. Arguments as for `predict_level`, with values at all pixels of the surfaces.
     """
-    out = np.empty((len(pixels), 3))
-    maps = (places, image, knowledge, values, apart)
-    in_bands(_extrapolate, len(pixels), pixels, *maps, out, least=1024)
-    return out
+    found = np.zeros(label.shape, dtype=np.bool_)
+    in_bands(_find_bends, label.shape[0], label, known, values, tolerance, found, least=_LEAST_ROWS)
+    return found
 
 
 @kernel()
-def _extrapolate(
-    low: int, high: int, pixels: NDArray[np.int64], places: tuple[Any, ...], image: tuple[Any, ...],
-    knowledge: NDArray[np.uint8], values: NDArray[np.float64], apart: float, out: NDArray[np.float64],
+def _find_bends(
+    low: int, high: int, label: NDArray[np.int32], known: NDArray[np.uint8], values: NDArray[np.float64],
+    tolerance: float, found: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    bodies, distances = places
-    body, distance = image
-    rows, columns = body.shape
-    around = np.empty((25, 4))
-    for n in range(low, high):
-        row, column = pixels[n] // columns, pixels[n] % columns
-        count, sure, least, most = 0, 0, np.inf, -np.inf
-        x, y, xx, xy, yy = 0.0, 0.0, 0.0, 0.0, 0.0
-        for v in range(max(row - 2, 0), min(row + 3, rows)):
-            for u in range(max(column - 2, 0), min(column + 3, columns)):
-                near = abs(distance[v, u] - distances[n]) < apart * distances[n]
-                if not near or body[v, u] != bodies[n] or knowledge[v, u] == UNKNOWN:
-                    continue
-                sure += knowledge[v, u] == CLEAR
-                around[count, 0], around[count, 1] = float(u - column), float(v - row)
-                around[count, 2], around[count, 3] = values[v, u, 0], values[v, u, 1]
-                for k in range(2):
-                    least, most = min(least, values[v, u, k]), max(most, values[v, u, k])
-                count += 1
-        out[n, 2] = most - least
-        if count > 0 and sure == count:
-            out[n, 0], out[n, 1] = 1.0, 1.0
-            continue
-        for item in range(count):
-            x, y = x + around[item, 0] / count, y + around[item, 1] / count
-        for item in range(count):
-            u, v = around[item, 0] - x, around[item, 1] - y
-            xx, xy, yy = xx + u * u, xy + u * v, yy + v * v
-        square = xx * yy - xy * xy
-        # Surfaces that are not partly in the shadow may be next to one.
-        if count < _FEWEST or square < 1.0 or least > 1.0 - _SAME or most < _SAME:
-            out[n, 2] = np.nan
-            continue
-        for k in range(2):
-            mean, along, down, worst = 0.0, 0.0, 0.0, 0.0
-            for item in range(count):
-                mean += around[item, 2 + k] / count
-            for item in range(count):
-                value = around[item, 2 + k] - mean
-                along, down = along + value * (around[item, 0] - x), down + value * (around[item, 1] - y)
-            slope, fall = (along * yy - down * xy) / square, (down * xx - along * xy) / square
-            for item in range(count):
-                plane = mean + slope * (around[item, 0] - x) + fall * (around[item, 1] - y)
-                worst = max(worst, abs(around[item, 2 + k] - plane))
-            out[n, k] = min(max(mean - slope * x - fall * y, 0.0), 1.0)
-            if worst > _FLAT:
-                out[n, 2] = np.nan
+    rows, columns = label.shape
+    for y in range(low, high):
+        for x in range(columns):
+            own = label[y, x]
+            if own == 0 or known[y, x] != EXACT:
+                continue
+            for v in range(max(y - 1, 0), min(y + 2, rows)):
+                for u in range(max(x - 1, 0), min(x + 2, columns)):
+                    if found[y, x] or label[v, u] != own:
+                        continue
+                    if 0 < v < rows - 1 and label[v - 1, u] == own and label[v + 1, u] == own:
+                        bend = abs(values[v, u, 0] - 0.5 * (values[v - 1, u, 0] + values[v + 1, u, 0]))
+                        bend += abs(values[v, u, 1] - 0.5 * (values[v - 1, u, 1] + values[v + 1, u, 1]))
+                        found[y, x] = bend > tolerance
+                    if 0 < u < columns - 1 and label[v, u - 1] == own and label[v, u + 1] == own:
+                        bend = abs(values[v, u, 0] - 0.5 * (values[v, u - 1, 0] + values[v, u + 1, 0]))
+                        bend += abs(values[v, u, 1] - 0.5 * (values[v, u - 1, 1] + values[v, u + 1, 1]))
+                        found[y, x] |= bend > tolerance
 
 
 def mix_light(
