@@ -10,6 +10,7 @@ __all__ = [
     "UNDEFINED",
     "flatten",
     "format_count",
+    "format_duration",
     "format_estimate",
     "format_interval",
     "format_length",
@@ -28,6 +29,7 @@ __all__ = [
 
 UNDEFINED = "–"
 _MINUS = "−"
+_HOUR_S, _DAY_S = 3600.0, 86_400.0
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -94,6 +96,21 @@ def format_unit(unit: str) -> str:
 def format_count(value: float | None) -> str:
     """Format a count with narrow spaces between thousands."""
     return UNDEFINED if value is None else f"{int(value):,}".replace(",", "\N{NARROW NO-BREAK SPACE}")
+
+
+def format_duration(seconds: float) -> str:
+    """Format a time in seconds, minutes or hours, from two days on also in days.
+
+    >>> [format_duration(seconds) for seconds in (0.0, 119.0, 900.0, 7200.0, 100_000.0, 372_600.0)]
+    ['0 s', '119 s', '15 min', '2 h', '28 h', '104 h (4.3 days)']
+    """
+    if not math.isfinite(seconds):
+        return UNDEFINED
+    size, unit = next(
+        each for each in ((_HOUR_S, "h"), (60.0, "min"), (1.0, "s")) if seconds >= 2 * each[0] or each[0] == 1
+    )
+    text = f"{format_two_digits(seconds / size)} {unit}"
+    return text if seconds < 2 * _DAY_S else f"{text} ({format_two_digits(seconds / _DAY_S)} days)"
 
 
 def humanise(key: str) -> str:

@@ -51,7 +51,7 @@ def test_check_is_small_and_loads_no_compiled_code(size: list[str]) -> None:
 def test_check_tells_what_is_foreseen_and_what_there_is() -> None:
     done = scenetruth("check", SCENES / "plaid.yaml")
     assert done.returncode == 0, done.stderr
-    for words in ("foreseen", "memory", "render", "this machine has", "processors"):
+    for words in ("foreseen", "memory", "render", "this machine has", "processors", "all stages", "at reference speed"):
         assert words in done.stdout
 
 

@@ -88,6 +88,7 @@ def test_a_slower_machine_takes_longer_for_the_same() -> None:
     demand = compute_workload(scene, list_object_workloads(scene)[0])
     one, other = estimate_cost(demand, ["render"], 1.0), estimate_cost(demand, ["render"], 3.0)
     assert other.seconds == pytest.approx(3 * one.seconds)
+    assert other.reference_seconds == pytest.approx(one.reference_seconds)
     assert (other.memory_bytes, other.disk_bytes) == (one.memory_bytes, one.disk_bytes)
     assert estimate_cost(demand, ["render"]).seconds > 0
 

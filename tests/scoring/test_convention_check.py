@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as some
 from numpy.typing import NDArray
+from scipy import ndimage
 
+import scenetruth as st
 from scenetruth.errors import EstimateWarning, ScoreError
 from scenetruth.schema import Intrinsics, label, make_estimate, make_recording, read_intrinsics
 from scenetruth.scoring.convention_check import detect_convention_mismatches, fit_shift
@@ -24,10 +29,12 @@ from tests.helpers.mismatch_scenes import (
     VARIABLES,
     WALL,
     Errors,
+    estimate_of,
     right_estimate,
     truth_of,
 )
-from tests.helpers.nightly import NIGHTLY
+from tests.helpers.nightly import NIGHTLY, nightly
+from tests.helpers.scenes import SCENES
 
 Map = NDArray[np.float64]
 Change = Callable[[Map], Map]
@@ -382,6 +389,121 @@ def test_estimates_that_know_nothing_or_diverged_have_no_slips(
     assert detect_convention_mismatches(right.assign(everywhere), room) == []
     thin = right.isel(y=slice(20, 21), x=slice(None, None, 3))
     assert detect_convention_mismatches(thin.assign(flow=xr.full_like(thin["flow"], value)), room) == []
+
+
+def small_truth(width: int) -> xr.Dataset:
+    """Return the truth of a surface with waves that approaches, of any size: 3 frames."""
+    height = 3 * width // 4
+    y, x = np.mgrid[:height, :width] / width
+    depth = np.tile(500.0 + 40 * x + 9 * np.sin(11 * x + 3 * y) + 7 * np.cos(9 * y - 2 * x), (3, 1, 1))
+    velocity = np.stack([0.1 + 0.2 * y + 0 * depth, 0.15 * x - 0.1 + 0 * depth, -0.6 - 0.2 * x * y + 0 * depth])
+    x, y = x * width - width / 2, y * width - height / 2
+    flow = np.stack([(700 * velocity[k] - place * velocity[2]) / depth for k, place in enumerate((x, y))])
+    maps = {"depth": depth, "disparity": 3500 / depth, "velocity": velocity, "flow": flow, "mixed": depth < 0}
+    camera = Intrinsics(focal_length_px=700.0, principal_point_px=(width / 2, height / 2), baseline_mm=5.0)
+    return label("truth", maps, camera, t=[0, 1, 2])
+
+
+def smooth(shape: tuple[int, ...], rng: np.random.Generator, sigma_px: float = 5.0) -> Map:
+    """Return normal noise that is smooth over windows, the same in all frames."""
+    found = ndimage.gaussian_filter(rng.standard_normal(shape[-2:]), sigma_px, mode="wrap")
+    return np.broadcast_to(found / found.std(), shape)
+
+
+@given(
+    seed=some.integers(0, 100_000),
+    width=some.integers(64, 200),
+    factor=some.floats(1.5, 60.0),
+    spread=some.floats(0.0, 0.6),
+    share=some.floats(0.02, 1.0),
+)
+@settings(max_examples=400 if NIGHTLY else 3, deadline=None)
+def test_velocities_from_wrong_depths_have_no_wrong_unit(
+    seed: int, width: int, factor: float, spread: float, share: float
+) -> None:
+    """Velocities are proportional to depth, which false matches put at a multiple; few windows are valid."""
+    rng, truth = np.random.default_rng(seed), small_truth(width)
+    gain = factor * np.exp(spread * smooth(truth["depth"].shape, rng))
+    arrays = {name: truth[name].values * gain for name in ("depth", "velocity")}
+    arrays["velocity"] = arrays["velocity"] * np.exp(0.05 * rng.standard_normal(gain.shape))
+    unknown = smooth(gain.shape, rng) < np.quantile(smooth(gain.shape, rng), 1 - share)
+    for values in arrays.values():
+        values[..., unknown] = np.nan
+    assert detect_convention_mismatches(estimate_of(arrays, truth), truth) == []
+
+
+@given(
+    seed=some.integers(0, 100_000),
+    width=some.integers(64, 200),
+    factor=some.floats(1.0, 60.0),
+    quantity=some.sampled_from(["flow", "velocity"]),
+)
+@settings(max_examples=400 if NIGHTLY else 3, deadline=None)
+def test_errors_that_differ_between_windows_are_no_mismatch(
+    seed: int, width: int, factor: float, quantity: str
+) -> None:
+    """A factor that varies by e^0.8 between windows is none of a unit, whatever its mean."""
+    rng, truth = np.random.default_rng(seed), small_truth(width)
+    gain = factor * np.exp(0.8 * smooth(truth["depth"].shape, rng))
+    noise = factor * 0.3 * np.stack([smooth(gain.shape, rng) for _ in truth[quantity]])
+    values = truth[quantity].values * gain + noise * np.abs(truth[quantity].values).mean()
+    assert detect_convention_mismatches(estimate_of({quantity: values}, truth), truth) == []
+
+
+PLANTED: list[tuple[str, str, Change]] = [
+    ("depth", "sign", times(-1)),
+    ("depth", "metres", times(1e-3)),
+    ("disparity", "sign", times(-1)),
+    ("disparity", "several_steps", times(3)),
+    ("disparity", "columns_mirrored", MIRRORED),
+    ("flow", "components_exchanged", YX),
+    ("flow", "several_frames", times(4)),
+    ("velocity", "sign_z", times(1, 1, -1)),
+    ("velocity", "components_reversed", ZYX),
+    ("velocity", "several_frames", times(9)),
+]
+
+
+@given(seed=some.integers(0, 100_000), width=some.integers(64, 200), planted=some.sampled_from(PLANTED))
+@settings(max_examples=300 if NIGHTLY else 3, deadline=None)
+def test_mismatches_of_small_images_are_named(seed: int, width: int, planted: tuple[str, str, Change]) -> None:
+    """With errors of motion of 2 % that are smooth over windows, of depth of 0.1 %, and half of the pixels missing."""
+    rng, truth = np.random.default_rng(seed), small_truth(width)
+    quantity, kind, change = planted
+    values = truth[quantity].values
+    size = np.abs(values).mean() * (0.02 if quantity in ("flow", "velocity") else 0.001)
+    noise = np.stack([smooth(values.shape[-3:], rng) for _ in range(values.size // truth["depth"].size)])
+    wrong = change(values + size * noise.reshape(values.shape))
+    wrong[..., smooth(values.shape[-3:], rng) < 0] = np.nan
+    slips = detect_convention_mismatches(estimate_of({quantity: wrong}, truth), truth)
+    assert named(slips) == {(quantity, kind)}
+
+
+def test_a_single_window_is_no_evidence() -> None:
+    truth = small_truth(96)
+    values = -truth["velocity"].values * np.exp(0.02 * smooth(truth["depth"].shape, np.random.default_rng(3)))
+    assert named(detect_convention_mismatches(estimate_of({"velocity": values}, truth), truth)) == {
+        ("velocity", "sign")
+    }
+    values[..., :16, :], values[..., 31:, :], values[..., :16], values[..., 31:] = (np.nan,) * 4
+    assert detect_convention_mismatches(estimate_of({"velocity": values}, truth), truth) == []
+
+
+@nightly
+@pytest.mark.parametrize("method", ["structure_tensor", "refined", "plane_sweep", "opencv_scene_flow"])
+@pytest.mark.parametrize("scaled", [False, True])
+@pytest.mark.parametrize("width", [64, 80, 96, 128, 200])
+def test_rendered_images_that_are_too_small_have_no_hint(method: str, scaled: bool, width: int) -> None:
+    """The bundled cube, and with the camera of the large images a small part of it, whose depths are wrong."""
+    overrides = {"camera.width": width, "camera.height": 3 * width // 4, "render.backend": "raycast"}
+    if scaled:
+        overrides["camera.focal_length_px"] = 5016 * width / 640
+    for seed in (1, 2):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            made = st.simulate(SCENES / "cube.yaml", overrides=overrides | {"seed": seed})
+            found = st.estimate(made.recording, method)
+        assert detect_convention_mismatches(found, made.truth) == []
 
 
 CAMERA = Intrinsics(focal_length_px=100.0, principal_point_px=(31.5, 23.5), baseline_mm=5.0)

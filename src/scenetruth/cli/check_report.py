@@ -6,7 +6,6 @@ import json
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +16,8 @@ from rich.table import Table
 from scenetruth.camera import Frames, Stage, StagePose
 from scenetruth.cli.console import print_warning
 from scenetruth.errors import MachineError, SceneError, visible
-from scenetruth.resources import Forecast, Limits, Machine, ObjectWorkload
+from scenetruth.number_format import format_duration
+from scenetruth.resources import Forecast, Limits, Machine, ObjectWorkload, StageForecast
 from scenetruth.scene import Scene
 from scenetruth.scene.scene_report import SceneReport
 
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 __all__ = ["print_check"]
 
 _MOST_NAMES, _MOST_OBJECTS = 5, 40
-_DAY_S = 86_400.0
 _UNKNOWN = "unknown"
 _MOST_PRECISIONS, _GROWTH, _NO_GROWTH = 3, "Growth", 1e-7
 _NOT_IN_CHECK = ("Slope", "Optical flow", _GROWTH)
@@ -36,10 +35,8 @@ _MOST_PRECISE = "refined"
 
 def print_check(scene: Scene, file: Path, limits: Limits, *, as_json: bool = False) -> None:
     """Validate a scene, and print the size of its results and the required resources, as tables or as JSON."""
-    from scenetruth.pipeline import STAGES, compute_method_workload, run_problems
+    from scenetruth.pipeline import estimate_run_cost, run_problems
     from scenetruth.resources import (
-        compute_workload,
-        estimate_cost,
         inspect_machine,
         limited_objects,
         machine_problems,
@@ -56,8 +53,7 @@ def print_check(scene: Scene, file: Path, limits: Limits, *, as_json: bool = Fal
             report = describe_scene(scene, preview.world, preview.depth, preview.times)
     except SceneError as error:
         raise SceneError(error.problems, source=file) from error
-    demand = replace(compute_workload(scene, parts), effort=compute_method_workload([scene.estimate]))
-    forecast, machine = estimate_cost(demand, STAGES), inspect_machine(Path())
+    forecast, machine = estimate_run_cost(scene, parts), inspect_machine(Path())
     if not as_json:
         _print_table(scene, file, report, {part.item.name: part.size.faces for part in parts})
         _print_forecast(forecast, machine)
@@ -143,6 +139,8 @@ def _to_dict(file: Path, report: SceneReport, forecast: Forecast, warnings: Sequ
         "images": report.image_count,
         "recording_bytes": report.recording_bytes,
         "truth_bytes": report.truth_bytes,
+        "run_time_s": forecast.seconds,
+        "reference_run_time_s": forecast.reference_seconds,
         "stages": {
             name: {
                 "memory_bytes": stage.memory_bytes,
@@ -203,19 +201,25 @@ def _print_table(scene: Scene, file: Path, report: SceneReport, faces: Mapping[s
 
 def _print_forecast(forecast: Forecast, machine: Machine) -> None:
     table = Table(title="foreseen", title_justify="left")
-    for heading in ("", "memory", "disk", "at most", "time"):
+    for heading in ("", "memory", "disk", "at most", "processor time"):
         table.add_column(heading, justify="left" if not heading else "right")
-    for name, stage in forecast.stages.items():
+    rows: list[tuple[str, StageForecast | Forecast]] = [*forecast.stages.items(), ("all stages", forecast)]
+    for name, stage in rows:
         table.add_row(
             name,
             _size(stage.memory_bytes),
             _size(stage.disk_bytes),
             _size(stage.disk_at_most_bytes),
-            _time(stage.seconds),
+            format_duration(stage.seconds),
         )
     free = [_UNKNOWN if value is None else _size(value) for value in (machine.memory_bytes, machine.disk_bytes)]
     table.add_row("this machine has", *free, "", f"{machine.processors} processors")
     _console().print(table)
+    print(
+        f"processor time: at the speed of this machine; {format_duration(forecast.reference_seconds)} at reference "
+        "speed, as in scene files and pages of designs",
+        file=sys.stdout,
+    )
 
 
 def _console() -> Console:
@@ -224,13 +228,6 @@ def _console() -> Console:
 
 def _size(count: float) -> str:
     return _megabytes(int(count)) if count < 1e9 else f"{count / 1e9:.1f} GB"
-
-
-def _time(seconds: float) -> str:
-    for size, unit in ((_DAY_S, "days"), (3600.0, "h"), (60.0, "min")):
-        if seconds >= 2 * size:
-            return f"{seconds / size:.0f} {unit}"
-    return f"{seconds:.0f} s"
 
 
 def _positions(stage: Stage) -> str:

@@ -109,8 +109,8 @@ class ProgressReporter:
         """Show that a kernel is being compiled, and the number of kernels compiled before."""
         if before == 0:
             self.say(
-                "compiling for this machine, which takes 1 to 2 min once; later runs read the result from disk "
-                "(`scenetruth precompile` does it in advance)"
+                "compiling what this run needs, once on this machine; later runs read the result from disk "
+                "(`scenetruth precompile` compiles everything in advance, in 1 to 2 min)"
             )
         self._show(_COMPILE, before + 1, None)
         self._state = f"{_COMPILE}: {before + 1} kernels so far"

@@ -10,11 +10,11 @@ from scenetruth.dataset.pages.page_text import describe_distribution
 from scenetruth.dataset.recipe_validation import DrawReport
 from scenetruth.dataset.sampler import Sampler
 from scenetruth.errors import RecipeError, visible
+from scenetruth.number_format import format_duration
 from scenetruth.resources import Forecast
 
 __all__ = ["print_recipe"]
 
-_HOUR_S, _DAY_S = 3600.0, 86_400.0
 _MOST_FIELDS = 40
 
 
@@ -45,7 +45,7 @@ def print_recipe(sampler: Sampler, trial: DrawReport, forecast: Forecast) -> Non
             _size(forecast.memory_bytes),
             _size(count * forecast.disk_bytes),
             _size(count * forecast.disk_wanted_bytes),
-            _time(count * forecast.seconds),
+            format_duration(count * forecast.seconds),
         )
     console.print(taken)
     if trial.problems:
@@ -59,10 +59,3 @@ def _size(count: float) -> str:
         if count >= size:
             return f"{count / size:,.1f} {unit}"
     return f"{count / 1e6:,.1f} MB"
-
-
-def _time(seconds: float) -> str:
-    for size, unit in ((_DAY_S, "days"), (_HOUR_S, "h"), (60.0, "min")):
-        if seconds >= 2 * size:
-            return f"{seconds / size:,.0f} {unit}"
-    return f"{seconds:.0f} s"

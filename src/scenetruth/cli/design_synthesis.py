@@ -53,7 +53,10 @@ def optimise(
     _print_lines(*found.summary().splitlines())
     names = ("index.html", "recommended.yaml", PREVIEW_FILE, "pareto_front.csv", "evaluations.csv", "design.json")
     scene = Scene.from_dict(dict(found.recommended.scene))
-    _print_lines(f"a run of all images of recommended.yaml {describe_cost(scene)}")
+    _print_lines(
+        f"a run of all images of recommended.yaml {describe_cost(scene)}",
+        f"time at the speed of this machine: scenetruth check {output / 'recommended.yaml'}",
+    )
     for problem in find_cost_problems(scene):
         print_warning(f"recommended.yaml: a run of all images is rejected on this machine: {problem}")
     _print_lines(f"preview of a part of its images: scenetruth run {output / PREVIEW_FILE} -o preview")

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     )
     from scenetruth.pipeline.run_directory import MethodPaths, RunDirectory
     from scenetruth.pipeline.runner import PipelineRunner, RunResult, write_estimate
-    from scenetruth.pipeline.scene_pipeline import STAGES, RunStage, run_pipeline, run_scene
+    from scenetruth.pipeline.scene_pipeline import STAGES, RunStage, estimate_run_cost, run_pipeline, run_scene
 
 __all__ = [
     "STAGES",
@@ -32,6 +32,7 @@ __all__ = [
     "VerificationResult",
     "compute_method_workload",
     "compute_recording_workload",
+    "estimate_run_cost",
     "export_run",
     "method_choices",
     "open_figure_worker",
@@ -53,6 +54,6 @@ __getattr__, __dir__ = export_lazily(
         "preflight": "compute_method_workload compute_recording_workload method_choices run_problems",
         "run_directory": "MethodPaths RunDirectory",
         "runner": "PipelineRunner RunResult write_estimate",
-        "scene_pipeline": "STAGES RunStage run_pipeline run_scene",
+        "scene_pipeline": "STAGES RunStage estimate_run_cost run_pipeline run_scene",
     },
 )

@@ -87,6 +87,7 @@ def precompile(progress: Progress | None = None, helper: SecondProcess | None = 
     from scenetruth.scene import Scene
     from scenetruth.scoring import score
     from scenetruth.simulation import simulate
+    from scenetruth.strain import compute_strain
 
     methods = [entry.name for entry in list_methods() if entry.origin == "scenetruth"]
     steps = len(_SCENES) * (1 + len(methods))
@@ -113,7 +114,10 @@ def precompile(progress: Progress | None = None, helper: SecondProcess | None = 
                 tell(f"{name}: {method}")
                 # Packages of extras may be missing.
                 with suppress(EstimateError):
-                    score(estimate(recording, method), truth, settings={"interior_margin_px": 2})
+                    found = estimate(recording, method)
+                    score(found, truth, settings={"interior_margin_px": 2})
+                    if {"depth", "velocity_std"} <= set(found):
+                        compute_strain(found, settings={"window": 5})
     if progress is not None:
         progress("precompile", steps, steps)
     return done

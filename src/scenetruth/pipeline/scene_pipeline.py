@@ -20,7 +20,9 @@ from scenetruth.pipeline.runner import PipelineRunner, RunResult
 from scenetruth.progress import Progress
 from scenetruth.provenance import own_release, scene_hash
 from scenetruth.resources import (
+    Forecast,
     Limits,
+    ObjectWorkload,
     compute_workload,
     estimate_cost,
     inspect_machine,
@@ -34,11 +36,17 @@ from scenetruth.schema import digest
 if TYPE_CHECKING:
     from scenetruth.truth import TruthMaps, TruthOptions, TruthPoses, TruthViews
 
-__all__ = ["STAGES", "RunStage", "run_pipeline", "run_scene"]
+__all__ = ["STAGES", "RunStage", "estimate_run_cost", "run_pipeline", "run_scene"]
 
 RunStage = Literal["render", "estimate", "score", "report"]
 STAGES: tuple[RunStage, ...] = ("render", "estimate", "score", "report")
 """All stages in order."""
+
+
+def estimate_run_cost(scene: Scene, parts: Sequence[ObjectWorkload]) -> Forecast:
+    """Return the cost of a run of a scene on this machine: all images, all stages, the scene's own method."""
+    demand = replace(compute_workload(scene, parts), effort=compute_method_workload([scene.estimate]))
+    return estimate_cost(demand, STAGES)
 
 
 def run_scene(

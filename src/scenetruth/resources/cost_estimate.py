@@ -26,9 +26,14 @@ class StageForecast:
 
 @dataclass(frozen=True)
 class Forecast:
-    """Estimated cost of a command: its stages by name, in their order."""
+    """Estimated cost of a command: its stages by name, in their order.
+
+    ``slower``: Ratio of the times of the stages to times at reference speed, of the machine on which the constants were
+    measured.
+    """
 
     stages: Mapping[str, StageForecast]
+    slower: float = 1.0
 
     @property
     def memory_bytes(self) -> float:
@@ -55,9 +60,14 @@ class Forecast:
         """Total time of all stages."""
         return sum(stage.seconds for stage in self.stages.values())
 
+    @property
+    def reference_seconds(self) -> float:
+        """Total time of all stages at reference speed, equal on all machines."""
+        return self.seconds / self.slower
+
 
 def estimate_cost(demand: RecordingWorkload, stages: Sequence[str], slower: float | None = None) -> Forecast:
-    """Estimate the cost of stages."""
+    """Estimate the cost of stages on this machine, or at ``slower`` times the time at reference speed."""
     if slower is None:
         least, most = _SPEEDS
         slower = min(max(work_s() / _REFERENCE_WORK_S, least), most)
@@ -70,7 +80,7 @@ def estimate_cost(demand: RecordingWorkload, stages: Sequence[str], slower: floa
             stage = _render(demand)
         if stage is not None:
             found[name] = replace(stage, seconds=stage.seconds * slower)
-    return Forecast(found)
+    return Forecast(found, slower)
 
 
 @dataclass(frozen=True)

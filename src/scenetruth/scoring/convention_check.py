@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import stdtrit
 
 from scenetruth.errors import Problem, ScoreError
 from scenetruth.schema import label, read_intrinsics
@@ -58,6 +59,15 @@ _OF_VALUES = 0.5
 """Largest residual that may remain after a mismatch, as a fraction of the values; noise alone exceeds it."""
 _TRUSTED_SCALE = (0.8, 1.25)
 """Range of the ratio of estimate to truth within which the unit is not tested."""
+_WINDOW_PX = 16.0
+"""Least side of the blocks whose pixels count as one observation: errors of a method correlate within its windows, and
+in time."""
+_CHANCE = 1e-4
+"""Largest probability of a statistic at its limit that holds by chance; some hundred hypotheses are tested."""
+_LEAST_SLOPE = 0.5
+"""Least change of the estimate, as a fraction of that by a mismatch: beyond, it is closer to the mismatch."""
+_OF_SCALE = 0.5
+"""Share of the logarithm of a scale beyond which it follows from depth, which velocity is proportional to."""
 _EQUAL = 1.1
 """Ratio of residuals up to which the preferred explanation is chosen."""
 
@@ -75,10 +85,11 @@ class MismatchVerdict:
     errors: Map = field(repr=False)
 
 
-def search_mismatches(material: MismatchSamples) -> MismatchVerdict | None:
+def search_mismatches(material: MismatchSamples, depth: MismatchSamples | None = None) -> MismatchVerdict | None:
     """Return the mismatches that explain most of an estimate's residual, or None.
 
     Every combination of one mismatch of position, meaning and scale each is compared with a correct estimate.
+    ``depth``: Depth of the same estimate, which velocities are proportional to.
     """
     places = material.drawn(_PIXELS)
     found, truth = material.estimate_at(places), material.truth_at(places)
@@ -94,7 +105,8 @@ def search_mismatches(material: MismatchSamples) -> MismatchVerdict | None:
             verdict = verdict if _judged(hypothesis, found, rescaled, expected, 1.0) is not None else None
         if verdict is not None:
             verdicts.append(verdict)
-    return _best(verdicts, truth)
+    verdicts = [verdict for verdict in verdicts if _is_significant(material, places, verdict)]
+    return _best([verdict for verdict in verdicts if not _follows_from_depth(verdict, places, depth)], truth)
 
 
 def _hypotheses(
@@ -153,6 +165,64 @@ def _judged(
         return None
     errors[known] = after
     return MismatchVerdict(hypothesis, float(explained), errors)
+
+
+def _is_significant(material: MismatchSamples, places: SamplePositions, verdict: MismatchVerdict) -> bool:
+    """Return whether a mismatch is significant against the scatter between windows.
+
+    The change of the estimate is projected on that by the mismatch: 1 for the mismatch, 0 for a correct estimate. The
+    factor of a scale must be determined to 20 %.
+    """
+    hypothesis = verdict.hypothesis
+    expected = hypothesis.predicted(material, places)
+    known = np.isfinite(expected).all(axis=0)
+    found, truth, expected = (
+        material.estimate_at(places)[:, known],
+        material.truth_at(places)[:, known],
+        expected[:, known],
+    )
+    blocks = _block_indices(places, material, _WINDOW_PX)[known]
+    change = expected - truth
+    weights = lengths(change)
+    there = weights > 0
+    slopes = np.einsum("cn,cn->n", found - truth, change)[there] / weights[there] ** 2
+    middle, error = _mean_of_windows(slopes, weights[there], blocks[there])
+    if not middle - error >= _LEAST_SLOPE:
+        return False
+    if hypothesis.scaled is None:
+        return True
+    sizes = lengths(expected)
+    there = sizes > 0
+    gains = np.einsum("cn,cn->n", found, expected)[there] / sizes[there] ** 2
+    middle, error = _mean_of_windows(gains, sizes[there], blocks[there])
+    return error <= _LARGEST_GAIN * middle
+
+
+def _follows_from_depth(verdict: MismatchVerdict, places: SamplePositions, depth: MismatchSamples | None) -> bool:
+    """Return whether a wrong depth at the same pixels explains most of a scale that is no unit of length."""
+    scaled = verdict.hypothesis.scaled
+    if depth is None or scaled is None or "depth" in scaled.scale.quantities:
+        return False
+    found, truth = depth.estimate_at(places)[0], depth.truth_at(places)[0]
+    ratios = np.abs(found / truth)[np.isfinite(found) & (found != 0)]
+    if not ratios.size:
+        return False
+    there = math.log(float(np.median(ratios)))
+    return there * math.log(scaled.factor) > 0 and abs(there) > _OF_SCALE * abs(math.log(scaled.factor))
+
+
+def _mean_of_windows(values: Map, weights: Map, blocks: Indices) -> tuple[float, float]:
+    """Return the mean of the medians of windows, and its largest error by chance (Student's t); infinite for one."""
+    names = np.unique(blocks)
+    medians = np.array([weighted_median(values[blocks == name], weights[blocks == name]) for name in names])
+    totals = np.array([weights[blocks == name].sum() for name in names])
+    middle = float(totals @ medians / totals.sum())
+    shares = totals / totals.sum()
+    count = 1 / float(shares @ shares)
+    if not count > 1 + 1e-9:
+        return middle, math.inf
+    spread = math.sqrt(float(shares**2 @ (medians - middle) ** 2) * count / (count - 1))
+    return middle, float(stdtrit(count - 1, 1 - _CHANCE)) * spread
 
 
 def _compute_sample_step(values: Map) -> int:
@@ -216,7 +286,7 @@ _LEAST_SHIFT_PIXELS = 200
 _LEAST_BLOCKS = 12
 """With fewer blocks the standard error is undefined."""
 _BLOCKS = 8
-"""Blocks along each side of the map, for the standard error; method errors correlate within windows, not blocks."""
+"""Largest number of blocks along each side of the map; method errors correlate within windows, not blocks."""
 _LARGEST_STD_PX = 0.06
 """Largest standard error, px; half a pixel is eight times as large."""
 _REACH_PX = 0.15
@@ -430,10 +500,11 @@ def _jackknife(rows: _Rows, weights: Map, blocks: Indices) -> Map:
     return np.asarray(np.sqrt(spread * (len(names) - 1) / len(names)))
 
 
-def _block_indices(places: SamplePositions, material: MismatchSamples) -> Indices:
-    """Return the block index of every pixel; all frames share the blocks."""
-    grid = material.grid
-    return np.asarray((places.y * _BLOCKS // grid.rows) * _BLOCKS + places.x * _BLOCKS // grid.columns)
+def _block_indices(places: SamplePositions, material: MismatchSamples, least_px: float = 0.0) -> Indices:
+    """Return the block index of every pixel, by blocks with sides of at least some px; all frames share the blocks."""
+    grid, least = material.grid, least_px / material.facts.step_px
+    down, across = (max(length / _BLOCKS, least) for length in (grid.rows, grid.columns))
+    return np.asarray((places.y // down).astype(np.intp) * _BLOCKS + (places.x // across).astype(np.intp))
 
 
 _COMPONENTS = {"flow": 2, "velocity": 3}
@@ -508,8 +579,11 @@ def detect_convention_mismatches(
     if wrong:
         raise ScoreError(wrong)
     with np.errstate(over="ignore", invalid="ignore"):
+        materials = {material.quantity: material for material in read_mismatch_samples(estimate, truth)}
         return [
-            mismatch for material in read_mismatch_samples(estimate, truth) for mismatch in _detect_in_samples(material)
+            mismatch
+            for quantity, material in materials.items()
+            for mismatch in _detect_in_samples(material, materials.get("depth") if quantity == "velocity" else None)
         ]
 
 
@@ -569,9 +643,9 @@ def _with_frames(values: ArrayLike, components: int | None, size: tuple[int, ...
     return raw.astype(np.float64)
 
 
-def _detect_in_samples(material: MismatchSamples) -> list[ConventionMismatch]:
+def _detect_in_samples(material: MismatchSamples, depth: MismatchSamples | None) -> list[ConventionMismatch]:
     quantity = material.quantity
-    verdict = search_mismatches(material)
+    verdict = search_mismatches(material, depth)
     hypothesis = NO_MISMATCH if verdict is None else verdict.hypothesis
     shift = fit_shift(material, hypothesis)
     if verdict is None:

@@ -158,35 +158,42 @@ def _spread_of_cut_windows(
     The correlation along each axis is a sum of eigenvectors φ with eigenvalues λ, so that a weighted sum
     of errors has the variance Σ λ_k λ_l (Σ φ_k(y) φ_l(x) weight(y, x) s(y, x))².
     """
+    from scenetruth.strain.window_kernels import sum_over_modes
+
     found = np.zeros((2, 2, len(variances), len(centres)))
-    reach, kernels = window.reach, window.kernels(1)
-    sides = [(0, 0), (reach, reach), (reach, reach)]
-    around = np.lib.stride_tricks.sliding_window_view(
-        np.pad(np.sqrt(variances), sides), (2 * reach + 1, 2 * reach + 1), axis=(1, 2)
-    )
-    (of_rows, rows), (of_columns, columns) = (
-        _modes(len(window.weights), each, correlation_px) for each in window.spacing_px
-    )
-    down, along = ([rows * kernel for kernel in kernels], [columns * kernel for kernel in kernels])
-    for n in range(0, len(centres), _CUT_TOGETHER):
-        some = slice(n, n + _CUT_TOGETHER)
-        std = around[:, centres[some, 0], centres[some, 1]]
-        sums = np.zeros((2, *std.shape[:2], len(of_rows), len(of_columns)))
-        for k, (a, b) in enumerate(_EXPONENTS[window.order]):
-            sums += solved[some, k].T[:, None, :, None, None] * (down[b] @ std @ along[a].T)
-        found[..., some] = np.einsum("ikncd,jkncd,c,d->ijkn", sums, sums, of_rows, of_columns, optimize=True)
+    if not len(centres):
+        return found
+    size, reach, kernels = len(window.weights), window.reach, window.kernels(1)
+    (of_rows, rows), (of_columns, columns) = (_modes(size, each, correlation_px) for each in window.spacing_px)
+    eigenvalues = of_rows[:, None] * of_columns
+    counts = (eigenvalues > _LEAST_MODE * eigenvalues[0, 0]).sum(axis=0)
+    polynomials = np.zeros((len(centres), window.order + 1, window.order + 1, 2))
+    for k, (a, b) in enumerate(_EXPONENTS[window.order]):
+        polynomials[:, a, b] = solved[:, k]
+    along = np.stack([columns * kernel for kernel in kernels[: window.order + 1]], axis=1).reshape(-1, size)
+    down = np.ascontiguousarray((rows * kernels[0]).T)
+    for number, some in enumerate(variances):
+        if not some.any():
+            continue
+        std = np.pad(np.sqrt(some), reach)
+        projected = np.lib.stride_tricks.sliding_window_view(std, size, axis=1) @ along.T
+        shape = (projected.shape[1], len(columns), window.order + 1, len(std))
+        projected = np.ascontiguousarray(projected.transpose(1, 2, 0)).reshape(shape)
+        found[:, :, number] = sum_over_modes(
+            projected, down, eigenvalues, counts, centres, polynomials, np.linspace(-1.0, 1.0, size)
+        )
     return found
 
 
-_CUT_TOGETHER = 500
 _LEAST_MODE = 1e-10
+"""Smallest eigenvalue of a mode, or of a pair of modes, relative to the largest."""
 
 
 def _modes(count: int, spacing_px: float, correlation_px: float) -> tuple[Map, Map]:
-    """Return eigenvalues (k) and eigenvectors (k, point) of the correlation of points in a row."""
+    """Return eigenvalues (k), largest first, and eigenvectors (k, point) of the correlation of points in a row."""
     index = spacing_px * np.arange(count)
     values, vectors = np.linalg.eigh(np.exp(-((index[:, None] - index) ** 2) / (4 * correlation_px**2)))
-    kept = values > _LEAST_MODE * values[-1]
+    kept = np.flatnonzero(values > _LEAST_MODE * values[-1])[::-1]
     return values[kept], vectors[:, kept].T
 
 

@@ -69,6 +69,7 @@ from scenetruth.design.optimisation.report.design_report import (
     describe_sensitivities,
     list_warnings,
     summarise_objectives,
+    write_design_files,
     write_design_page,
 )
 from scenetruth.design.optimisation.report.design_tables import (
@@ -136,5 +137,6 @@ __all__ = [
     "load_design_spec", "load_problem", "optimise", "prepare_problem", "rank_evaluations", "reduce_scene",
     "rig_from_evaluation",
     "search_with_optuna", "select_distinguishable", "select_recommended", "simulate_candidate",
-    "simulate_candidates", "simulate_objectives", "summarise_objectives", "thin_front", "write_design_page",
+    "simulate_candidates", "simulate_objectives", "summarise_objectives", "thin_front", "write_design_files",
+    "write_design_page",
 ]  # fmt: skip

@@ -204,7 +204,7 @@ class RefinedModel(MethodModel):
         if not (setup.sees_depth or setup.sees_motion):
             return {}
 
-        return bound_maps(
+        found = bound_maps(
             scene.truth,
             scene.recording,
             scene.noise,
@@ -212,6 +212,29 @@ class RefinedModel(MethodModel):
             setup.window_sigma_px,
             selected=setup.automatic,
         )
+        alone = ~_shows_half_of_window(setup.views, scene.truth.sel(t=0)["disparity"].values, setup.window_sigma_px)
+        return {name: np.where(alone, np.nan, values) for name, values in found.items()}
+
+
+def _shows_half_of_window(views: ImageTimes, disparity: Array, sigma_px: float) -> NDArray[np.bool_]:
+    """Return where the second of two cameras shows at least half of the window; elsewhere `refined` is invalid."""
+    cameras = np.unique(np.stack([views.s, views.s_y], axis=1), axis=0)
+    if len(cameras) != _PAIR:
+        return np.ones(disparity.shape, dtype=np.bool_)
+    s, s_y = cameras[np.argmax(np.abs(cameras).sum(axis=1))]
+    height, width = disparity.shape
+    y, x = np.indices(disparity.shape, dtype=np.float64)
+    known = np.isfinite(disparity)
+    shift = np.where(known, disparity, 0.0)
+    column, row = x - s * shift, y - s_y * shift
+    inside = known & (column >= 0) & (column <= width - 1) & (row >= 0) & (row <= height - 1)
+    from scipy.ndimage import gaussian_filter
+
+    shares = [gaussian_filter(each.astype(np.float64), sigma_px) for each in (inside, known)]
+    return np.asarray(shares[0] >= _LEAST_SHOWN * shares[1])
+
+
+_PAIR, _LEAST_SHOWN = 2, 0.5
 
 
 def window_unknowns(setup: MethodSetup) -> WindowUnknowns:

@@ -37,11 +37,17 @@ from scenetruth.design.optimisation import (
     describe_sensitivities,
     list_warnings,
     summarise_objectives,
+    write_design_files,
     write_design_page,
 )
+from scenetruth.number_format import format_duration
 from scenetruth.scene import Scene, load_scene
+from tests.helpers.command_line import scenetruth
 from tests.helpers.page_words import without_definitions
 from tests.helpers.sample_design import DEPTH, GROWTH, NUMBERS, design
+
+REFERENCE_WORK_S = 2.2e-3
+"""Time of the small benchmark of `scenetruth.resources` at reference speed."""
 
 HOSTILE = "</script><script>alert(1)</script>"
 
@@ -143,11 +149,35 @@ def test_scene_files_run(sample: DesignResult, tmp_path: Path) -> None:
     assert "rotations:\n" in file.text
     # Hours and memory of the full images are those of `scenetruth check`, in the words of the page.
     assert re.search(
-        r"A run of full images .* takes about [0-9]+ min of processor time, [0-9.]+ GB of memory", said_in(text)
+        r"A run of full images .* takes about [0-9.]+ (s|min) of processor time at reference speed, ",
+        said_in(text),
     )
     assert "Predictions include image noise, stage errors and motion during a scan." in said_in(text)
     # Short lists stand on one line.
     assert "size_mm: [40, 30]" in file.text
+
+
+def test_check_and_the_header_state_the_same_time(
+    sample: DesignResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slower = 2.0
+    monkeypatch.setattr("scenetruth.resources.cost_estimate.work_s", lambda: slower * REFERENCE_WORK_S)
+    scene = dict(sample.recommended.scene)
+    scene["frames"] = {**scene["frames"], "count": 400}
+    write_design_files(replace(sample, recommended=replace(sample.recommended, scene=scene)), tmp_path)
+    file = tmp_path / "recommended.yaml"
+    stated = re.search(r"takes about (.*) of processor time at reference speed", file.read_text(encoding="utf-8"))
+    assert stated is not None
+    cost = json.loads(scenetruth("check", file, "--json").stdout)
+    assert stated[1] == format_duration(cost["reference_run_time_s"])
+    assert cost["run_time_s"] == pytest.approx(slower * cost["reference_run_time_s"], rel=1e-12)
+    assert cost["run_time_s"] == pytest.approx(sum(stage["run_time_s"] for stage in cost["stages"].values()), rel=1e-12)
+
+
+def test_the_stored_rig_states_the_time_of_check() -> None:
+    file = Path(__file__).parents[4] / "docs" / "results" / "worked_examples" / "leaf_growth_rig.yaml"
+    cost = json.loads(scenetruth("check", file, "--json").stdout)
+    assert f" {format_duration(cost['reference_run_time_s'])} of processor time" in file.read_text(encoding="utf-8")
 
 
 def test_the_answer_is_judged_by_simulations(sample: DesignResult) -> None:

@@ -352,7 +352,8 @@ def write_design_files(design: DesignResult, folder: Path) -> None:
     """Write a design: ``recommended.yaml`` and its preview, tables, ``design.json``, ``index.html``."""
     head = f"# {design.title}: the recommended rig. Run: scenetruth run {RIG_FILE} -o results\n"
     cost = describe_cost(Scene.from_dict(design.recommended.scene))
-    head += f"# A run of all images {cost}; preview: {PREVIEW_FILE}\n"
+    head += f"# A run of all images {cost}\n"
+    head += f"# (scenetruth check {RIG_FILE} states the time at the speed of this machine); preview: {PREVIEW_FILE}\n"
     text = head + yaml.safe_dump(to_plain_data(design.recommended.scene), sort_keys=False, allow_unicode=True)
     _write_text(folder / RIG_FILE, text)
     light = build_preview(design)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +14,11 @@ from scenetruth.design.optimisation.design_records import RigDesign
 from scenetruth.design.optimisation.design_result import DesignResult
 from scenetruth.design.optimisation.specification import ConfirmationSpec
 from scenetruth.errors import SceneError
-from scenetruth.number_format import format_two_digits
-from scenetruth.pipeline import STAGES, compute_method_workload
+from scenetruth.number_format import format_duration, format_two_digits
+from scenetruth.pipeline import estimate_run_cost
 from scenetruth.resources import (
     Forecast,
     Limits,
-    compute_workload,
-    estimate_cost,
     inspect_machine,
     limited_objects,
     machine_problems,
@@ -33,7 +31,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-_HOUR_S, _GB = 3600.0, 1e9
+_GB = 1e9
 PREVIEW_FILE = "recommended_preview.yaml"
 """Name of the preview file."""
 
@@ -44,32 +42,28 @@ def build_preview(design: DesignResult) -> ReducedScene:
     return reduce_scene(Scene.from_dict(design.recommended.scene), design.objectives[0].region, max_size_px)
 
 
-def _forecast(scene: Scene, slower: float | None) -> Forecast:
-    parts = limited_objects(scene, Limits(), Path())
-    demand = replace(compute_workload(scene, parts), effort=compute_method_workload([scene.estimate]))
-    return estimate_cost(demand, STAGES, slower)
+def _forecast(scene: Scene) -> Forecast:
+    return estimate_run_cost(scene, limited_objects(scene, Limits(), Path()))
 
 
 def describe_cost(scene: Scene) -> str:
     """Return the estimated cost of a run of all images, as text.
 
-    The time is that of the machine on which the constants of the estimate were measured: files of equal designs are
-    equal on all machines.
+    The time is at reference speed: files of equal designs are equal on all machines.
     """
     try:
-        cost = _forecast(scene, 1.0)
+        cost = _forecast(scene)
     except SceneError as error:
         return f"exceeds the default limits: {'; '.join(map(str, error.problems))}"
-    hours = cost.seconds / _HOUR_S
-    time = f"{format_two_digits(hours)} h" if hours >= 1 else f"{max(60 * hours, 1):.0f} min"
     memory, disk = (format_two_digits(each / _GB) for each in (cost.memory_bytes, cost.disk_bytes))
-    return f"takes about {time} of processor time, {memory} GB of memory and {disk} GB of disk space"
+    time = format_duration(cost.reference_seconds)
+    return f"takes about {time} of processor time at reference speed, {memory} GB of memory and {disk} GB of disk space"
 
 
 def find_cost_problems(scene: Scene) -> list[str]:
     """Return the reasons why this machine, with the default limits, rejects a run of all images."""
     try:
-        return [str(each) for each in machine_problems(_forecast(scene, None), inspect_machine(Path()), Limits())]
+        return [str(each) for each in machine_problems(_forecast(scene), inspect_machine(Path()), Limits())]
     except SceneError as error:
         return [str(each) for each in error.problems]
 
