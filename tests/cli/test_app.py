@@ -284,10 +284,10 @@ def test_ctrl_c_during_a_render_leaves_nothing_behind(scene_file: Path, tmp_path
 def test_objects_are_not_freed_at_the_end(arguments: list[str], expected: int) -> None:
     """Compiling leaves objects that take more than a second to free; threads and exit handlers end as usual."""
     code = (
-        "import atexit, sys, threading, time\n"
+        "import atexit, threading\n"
         "class Kept:\n    def __del__(self): print('freed')\n"
         "kept = Kept()\n"
-        "def last():\n    time.sleep(0.2)\n    print('thread')\n    atexit.register(print, 'handler')\n"
+        "def last():\n    threading.main_thread().join()\n    print('thread')\n    atexit.register(print, 'handler')\n"
         "from scenetruth.cli import main\n"
         "threading.Thread(target=last).start()\n"
         "main()"
