@@ -197,7 +197,7 @@ def edge_scene(kind: str, angle_deg: float, distance_px: float, edges: str) -> S
             "stage": {"positions": 1, "baseline_mm": 1},
             "frames": {"count": 1},
             "optics": {"psf": {"kind": "gaussian", "sigma_px": 0.6}},
-            "render": {"backend": "auto", "edges": edges},
+            "render": {"backend": "raycast", "edges": edges, **({"supersampling": 4} if edges == "sampled" else {})},
             "objects": [
                 {
                     "name": "edge",
