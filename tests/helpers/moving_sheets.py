@@ -59,11 +59,12 @@ def positions(maps: Sequence[PointMap], points: NDArray[Any], t: Any) -> NDArray
     return np.stack([np.broadcast_to(field, (len(points),)) for field in fields], axis=1)
 
 
-def differences(maps: Sequence[PointMap], points: NDArray[np.float64], t: float) -> tuple[Any, Any]:
+def differences(maps: Sequence[PointMap], points: NDArray[np.float64], t: float, exponent: int = 6) -> tuple[Any, Any]:
     """Velocity and acceleration from central differences of positions in 80 bits, three steps extrapolated to zero.
 
-    What remains is of the order step^6 = 4e-15 of the sixth derivative, for the acceleration also rounding of
-    1e-19 / step^2 = 7e-15 of the positions.
+    ``exponent``: Of the largest step, 2^-exponent frames. What remains is of the order step^6 = 4e-15 of the sixth
+    derivative for the smallest step of the default, for the acceleration also rounding of 1e-19 / step^2 = 7e-15 of the
+    positions.
     """
     start, centre = points.astype(np.longdouble), np.longdouble(t)
 
@@ -71,7 +72,7 @@ def differences(maps: Sequence[PointMap], points: NDArray[np.float64], t: float)
         return positions(maps, start, time)
 
     here = at(centre)
-    steps = [np.longdouble(2.0**-exponent) for exponent in (6, 7, 8)]
+    steps = [np.longdouble(2.0 ** -(exponent + n)) for n in range(3)]
     first = [(at(centre + h) - at(centre - h)) / (2 * h) for h in steps]
     second = [(at(centre + h) - 2 * here + at(centre - h)) / h**2 for h in steps]
     return _extrapolated(first), _extrapolated(second)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as some
 from pydantic import TypeAdapter
 from scipy.interpolate import CubicSpline
@@ -137,15 +137,20 @@ SMOOTH = [name for name in ENTRIES if ENTRIES[name]["kind"] not in ("bending", "
 
 @settings(deadline=None, max_examples=40)
 @given(names=some.lists(some.sampled_from(SMOOTH), min_size=2, max_size=4), t=some.floats(-3, 3))
+# A point crosses the shortest periods of the star at 9 mm per frame.
+@example(names=["rotation", "turn", "turn by keyframes", "star"], t=2.0)
 def test_composed_motions(names: list[str], t: float) -> None:
-    # At keyframes the third derivative jumps; differences use times up to 2^-6 frames away.
+    # At keyframes the third derivative jumps; differences use times up to 2^-9 frames away.
     assume(all(abs(t - key) > 0.02 for name in names for key in KEYFRAMES.get(name, [])))
     maps = [made(entry(name)) for name in names]
     points = cloud(20)
-    velocity, acceleration = differences(maps, points, t)
+    # Rounding of accelerations is 1e-19 · 40 mm / 2^-26 = 3e-10 mm per frame²: 3e-7 of the least of `relative`.
+    coarse, fine = (differences(maps, points, t, exponent) for exponent in (9, 11))
+    # Differences do not converge where motions carry points to waves of the star far below its stated periods.
+    assume(relative(coarse[0], fine[0]) < 1e-6)
     found = compose(maps, points, t)
-    assert relative(found.velocities, velocity) <= 1e-8
-    assert relative(found.accelerations, acceleration) <= 1e-6
+    assert relative(found.velocities, fine[0]) <= 1e-8
+    assert relative(found.accelerations, fine[1]) <= 1e-6
 
 
 def test_a_leaf_of_all_parts_moves_consistently() -> None:
