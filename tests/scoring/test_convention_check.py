@@ -478,8 +478,8 @@ def test_mismatches_of_small_images_are_named(seed: int, width: int, planted: tu
     noise = np.stack([smooth(values.shape[-3:], rng) for _ in range(values.size // truth["depth"].size)])
     wrong = change(values + size * noise.reshape(values.shape))
     wrong[..., smooth(values.shape[-3:], rng) < 0] = np.nan
-    slips = detect_convention_mismatches(estimate_of({quantity: wrong}, truth), truth)
-    assert named(slips) == {(quantity, kind)}
+    mismatches = detect_convention_mismatches(estimate_of({quantity: wrong}, truth), truth)
+    assert named(mismatches) == {(quantity, kind)}
 
 
 def test_a_single_window_is_no_evidence() -> None:
