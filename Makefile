@@ -35,10 +35,16 @@ lint: setup
 	$(PYTHON_BIN)/ruff format --check .
 	$(PYTHON_BIN)/mypy
 
-# Compiling keeps one processor busy, checking types another. Linear algebra of parallel tests has one thread each.
+# Checking types keeps one processor busy for minutes: kernels are compiled and tests run meanwhile, and the messages
+# follow those of the tests. Linear algebra of parallel tests has one thread each.
 test: setup
-	@$(PYTHON_BIN)/scenetruth precompile >/dev/null 2>&1 & $(MAKE) --no-print-directory lint || { kill $$!; exit 1; }; wait
-	OPENBLAS_NUM_THREADS=1 $(PYTHON_BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal
+	$(PYTHON_BIN)/ruff check .
+	$(PYTHON_BIN)/ruff format --check .
+	@tests=1 types=1; messages=$$(mktemp) && trap 'rm -f "$$messages"' EXIT && \
+	{ $(PYTHON_BIN)/mypy >"$$messages" 2>&1 & types=$$!; } && \
+	{ $(PYTHON_BIN)/scenetruth precompile >/dev/null 2>&1 || true; } && \
+	{ OPENBLAS_NUM_THREADS=1 $(PYTHON_BIN)/python -m pytest -n auto --maxprocesses 4 --dist worksteal; tests=$$?; } ; \
+	wait $$types; types=$$?; cat "$$messages"; exit $$((tests ? tests : types))
 
 accuracy: setup
 	SCENETRUTH_CORE=1 $(PYTHON_BIN)/python -m pytest -q -p no:cacheprovider tests/benchmark/test_suite_core.py
