@@ -10,10 +10,9 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
+import scenetruth as st
 from benchmarks.beside import estimated, scene_of
 from benchmarks.jobs import arguments, ends, heading, line, number, pair
-
-import scenetruth as st
 
 SCENES = {
     "cube": "`cube`: noise texture, 1 % noise, 0.66 m away",

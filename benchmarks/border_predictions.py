@@ -9,9 +9,9 @@ Run it from the top of the repository: ``python -m benchmarks.border_predictions
 from __future__ import annotations
 
 import numpy as np
-from benchmarks.jobs import heading, line
 
 import scenetruth as st
+from benchmarks.jobs import heading, line
 
 __all__ = ["measure", "wall"]
 

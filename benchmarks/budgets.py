@@ -16,7 +16,6 @@ from typing import Any
 from benchmarks.beside import scene_of
 from benchmarks.imperfections import EFFECTS, IDEAL
 from benchmarks.jobs import arguments, ends, heading, line, number
-
 from scenetruth.design.uncertainty import budget
 
 QUANTITIES = ("depth", "velocity_x", "velocity_z", "growth_rate")

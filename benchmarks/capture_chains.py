@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 import yaml
-from benchmarks.capture_rectification import make_scene, true_maps
 from numpy.typing import NDArray
 
 import scenetruth as st
+from benchmarks.capture_rectification import make_scene, true_maps
 from scenetruth.camera import Camera
 from scenetruth.capture import (
     add_calibration_errors,

@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 import tifffile
 import yaml
-from benchmarks.capture_chains import chain_scene
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial.transform import Rotation
 
+from benchmarks.capture_chains import chain_scene
 from scenetruth.capture import calibrate_capture, check_capture, simulate_capture
 from scenetruth.errors import ScenetruthError
 

@@ -13,11 +13,11 @@ flow within 0.05 px per frame of the truth. Options of all benchmarks: `benchmar
 from __future__ import annotations
 
 import numpy as np
-from benchmarks.jobs import arguments, ends, heading, line
 from numpy.typing import NDArray
 from tests.helpers.wavy_plane import MovingPlane
 
 import scenetruth as st
+from benchmarks.jobs import arguments, ends, heading, line
 from scenetruth.estimators.method_settings import RefinedSettings
 from scenetruth.estimators.protocol import FrameReader
 from scenetruth.estimators.refined.fit_maps import STEADY_PLACES

@@ -9,7 +9,6 @@ import warnings
 from typing import Any
 
 import numpy as np
-from benchmarks.jobs import heading, line
 from tests.helpers.demosaiced_waves import (
     Waves,
     measured_displacement,
@@ -20,6 +19,7 @@ from tests.helpers.demosaiced_waves import (
 from tests.helpers.demosaicing_windows import refined_map, tensor_map
 
 import scenetruth as st
+from benchmarks.jobs import heading, line
 from scenetruth.camera.sensor import demosaic_wave, predict_displacement
 
 METHODS: tuple[Any, ...] = ("bilinear", "malvar")

@@ -9,10 +9,10 @@ import warnings
 from typing import Any
 
 import numpy as np
-from benchmarks.jobs import heading, line
 from scipy.ndimage import binary_erosion
 
 import scenetruth as st
+from benchmarks.jobs import heading, line
 
 FOCAL_LENGTH_PX, DISTANCE_MM = 1500.0, 600.0
 MARGIN_PX = 8

@@ -9,10 +9,10 @@ import warnings
 from typing import Any
 
 import numpy as np
-from benchmarks.jobs import heading, line
 from numpy.typing import NDArray
 
 import scenetruth as st
+from benchmarks.jobs import heading, line
 from scenetruth.camera import demosaic, mosaic
 
 Images = NDArray[np.float64]

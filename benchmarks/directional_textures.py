@@ -12,10 +12,10 @@ from typing import Any
 
 import imageio.v3 as imageio
 import numpy as np
-from benchmarks.jobs import arguments, ends, heading, line, number
-from benchmarks.trust import PIXEL_MM, plane, rig
 
 import scenetruth as st
+from benchmarks.jobs import arguments, ends, heading, line, number
+from benchmarks.trust import PIXEL_MM, plane, rig
 
 __all__ = ["measure", "paint"]
 

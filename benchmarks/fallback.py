@@ -9,13 +9,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+
+import scenetruth as st
 from benchmarks.jobs import arguments, ends, heading, line, number
 from benchmarks.stand_in_scenes import SCENES, scene_of
 from benchmarks.stand_in_sets import list_sets
 from benchmarks.stand_ins import BAD_PX
 from benchmarks.trust import simulated
-
-import scenetruth as st
 from scenetruth.schema import STATUS_FALLBACK, STATUS_VALID
 
 COLUMNS = ("scene", "status", "pixels, %", "wrong, %", "rms z", "median |z| / 0.67", "beyond 3, %", "beyond 6, %")

@@ -10,9 +10,9 @@ import warnings
 from typing import Any
 
 import numpy as np
-from benchmarks.jobs import arguments, heading, line
 from numpy.typing import NDArray
 
+from benchmarks.jobs import arguments, heading, line
 from scenetruth.estimators import estimate
 from scenetruth.schema import STATUS_VALID
 from scenetruth.validation_studies.paper_figure2 import REFERENCE_DEPTH, pattern_images, pattern_recording

@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from benchmarks.beside import METHODS, SCENES, beyond, estimated, scene_of
-from benchmarks.jobs import arguments, ends, heading, line, number, pair
 
 import scenetruth as st
+from benchmarks.beside import METHODS, SCENES, beyond, estimated, scene_of
+from benchmarks.jobs import arguments, ends, heading, line, number, pair
 
 # Regions of the score, where a scene has pixels in them.
 REGIONS = ("all", "interior", "boundary_10_20", "boundary_5_10", "boundary_0_5", "occluded")

@@ -15,10 +15,10 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from benchmarks.jobs import heading, line
 from numpy.typing import NDArray
 
 import scenetruth as st
+from benchmarks.jobs import heading, line
 from scenetruth.camera import Viewpoint
 from scenetruth.render import choose_renderer
 from scenetruth.render.reflectance_kernels import reflect_light

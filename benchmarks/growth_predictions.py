@@ -12,11 +12,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from benchmarks.jobs import arguments, ends, heading, line
-from benchmarks.trust_growth import SCENES, sheet
 from numpy.typing import NDArray
 
 import scenetruth as st
+from benchmarks.jobs import arguments, ends, heading, line
+from benchmarks.trust_growth import SCENES, sheet
 from scenetruth.benchmark.design_point import add_noise
 from scenetruth.design import predict
 from scenetruth.schema.variables import MOTION_AFFINE, MOTION_PLAIN

@@ -9,9 +9,9 @@ import warnings
 from typing import Any
 
 import numpy as np
-from benchmarks.jobs import heading, line
 
 import scenetruth as st
+from benchmarks.jobs import heading, line
 from scenetruth.design.prediction import predict, predict_quickly
 from scenetruth.resources import limited_objects
 

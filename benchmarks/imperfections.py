@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import scenetruth as st
 from benchmarks.beside import METHODS, scene_of
 from benchmarks.jobs import arguments, ends, heading, line
-
-import scenetruth as st
 
 IDEAL = ["sensor=ideal", "render.backend=raycast", "render.supersampling=4"]
 

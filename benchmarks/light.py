@@ -12,10 +12,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from benchmarks.jobs import heading, line
 from scipy.ndimage import gaussian_filter
 
 import scenetruth as st
+from benchmarks.jobs import heading, line
 from scenetruth.benchmark.cases import METHOD_VALID, all_cases
 from scenetruth.benchmark.design_point import add_noise
 from scenetruth.errors import EstimateWarning, SceneWarning

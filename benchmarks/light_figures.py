@@ -14,10 +14,10 @@ from unittest import mock
 
 import numba
 import numpy as np
-from benchmarks.gloss import GLOSSY, RING, SCENE, Floats, hemisphere, reflect
-from benchmarks.jobs import heading, line
 
 import scenetruth as st
+from benchmarks.gloss import GLOSSY, RING, SCENE, Floats, hemisphere, reflect
+from benchmarks.jobs import heading, line
 from scenetruth.camera import Viewpoint
 from scenetruth.render import area_lamps, choose_renderer
 from scenetruth.render.lamp_lattice_kernels import CLEAR, EXACT, UNKNOWN

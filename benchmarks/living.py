@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import scenetruth as st
 from benchmarks.beside import METHODS, estimated, scene_of
 from benchmarks.jobs import arguments, ends, heading, line, number, pair
-
-import scenetruth as st
 
 Regions = Mapping[str, Mapping[str, Mapping[str, float | int | None]]]
 # Frames a minute apart as the scenes have them; a quarter of an hour apart; and that in light without shadows.

@@ -13,6 +13,7 @@ import time
 from typing import Any
 
 import numpy as np
+
 from benchmarks import trust
 from benchmarks.jobs import ends, heading, line, number
 from benchmarks.trust import Plain, assess, list_scenes, parse_arguments

@@ -24,10 +24,10 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from benchmarks.jobs import heading, line
 from numpy.typing import NDArray
 
 import scenetruth as st
+from benchmarks.jobs import heading, line
 from scenetruth.benchmark.cases.case import mask_interior
 from scenetruth.camera import LinearImage, build_sensor_chain
 from scenetruth.design import predict

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from benchmarks.beside import METHODS, estimated, scene_of
-from benchmarks.jobs import arguments, ends, heading, line, number
 from numpy.typing import NDArray
 
 import scenetruth as st
+from benchmarks.beside import METHODS, estimated, scene_of
+from benchmarks.jobs import arguments, ends, heading, line, number
 
 IDEAL = ("sensor.noise_std=0", "sensor.bit_depth=16")
 LATE = "frames.frame_interval_s=900"

@@ -16,11 +16,11 @@ from itertools import product
 
 import numpy as np
 import xarray as xr
-from benchmarks.beside import scene_of
-from benchmarks.jobs import arguments, ends, heading, line
 from numpy.typing import NDArray
 
 import scenetruth as st
+from benchmarks.beside import scene_of
+from benchmarks.jobs import arguments, ends, heading, line
 
 # Pixels this far from edges are in the interior.
 INTERIOR_PX = 20

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+
 from benchmarks.stand_in_scenes import FOCAL_PX, OFF_PX, SPIN, TILT, TURN, board, item, twig, wall
 
 __all__ = ["SETS", "list_sets"]

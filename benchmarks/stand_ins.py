@@ -17,11 +17,11 @@ from itertools import product
 
 import numpy as np
 import xarray as xr
-from benchmarks.stand_in_scenes import SCENES, UNTEXTURED, scene_of
-from benchmarks.stand_in_sets import list_sets
 from numpy.typing import NDArray
 
 import scenetruth as st
+from benchmarks.stand_in_scenes import SCENES, UNTEXTURED, scene_of
+from benchmarks.stand_in_sets import list_sets
 
 BAD_PX = 0.25
 # Pixels up to this far from edges are beside an outline.

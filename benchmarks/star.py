@@ -18,11 +18,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from benchmarks.beside import scene_of
-from benchmarks.jobs import arguments, ends, heading, line
 from numpy.typing import NDArray
 
 import scenetruth as st
+from benchmarks.beside import scene_of
+from benchmarks.jobs import arguments, ends, heading, line
 
 AT_REST = ("objects.0.deformation.0.amplitude_mm={kind: linear, rate_per_frame: 0}",)
 SMALL = (

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from benchmarks.beside import estimated, scene_of
-from benchmarks.jobs import arguments, ends, heading, line
-from benchmarks.stand_ins import SEMI_GLOBAL, Matcher, bad, matched
 from numpy.typing import NDArray
 
 import scenetruth as st
+from benchmarks.beside import estimated, scene_of
+from benchmarks.jobs import arguments, ends, heading, line
+from benchmarks.stand_ins import SEMI_GLOBAL, Matcher, bad, matched
 from scenetruth.estimators.plane_sweep import sweep_disparity, sweep_motion
 
 Map = NDArray[np.float64]

@@ -19,12 +19,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import benchmarks
 import numpy as np
 import xarray as xr
-from benchmarks.jobs import arguments, ends, heading, line, number
 
+import benchmarks
 import scenetruth as st
+from benchmarks.jobs import arguments, ends, heading, line, number
 from scenetruth.scoring.regions import main_regions
 
 __all__ = ["Plain", "assess", "family", "list_scenes", "parse_arguments", "plane", "rig", "simulated"]

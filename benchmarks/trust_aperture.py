@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
 from benchmarks.trust import PIXEL_MM, Plain, noise, plane, rig
 from benchmarks.trust_textures import checkers, turned
-from numpy.typing import NDArray
 
 __all__ = ["GROUPS", "SCENES"]
 

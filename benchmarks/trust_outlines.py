@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from benchmarks.jobs import ends, heading, line, number
-from benchmarks.trust import DEPTH_MM, Plain, family, noise, parse_arguments, plane, rig, simulated
 
 import scenetruth as st
+from benchmarks.jobs import ends, heading, line, number
+from benchmarks.trust import DEPTH_MM, Plain, family, noise, parse_arguments, plane, rig, simulated
 
 __all__ = ["GROUPS", "SCENES", "assess_bands"]
 

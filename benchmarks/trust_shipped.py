@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import yaml
+
 from benchmarks.trust import Plain
 
 __all__ = ["GROUPS", "SCENES"]
