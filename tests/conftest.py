@@ -54,6 +54,12 @@ def messages() -> Iterator[list[str]]:
     logger.removeHandler(collector)
 
 
+def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
+    """Return the name of an argument for bytes: files may contain the second of their creation, and all processes that
+    run tests must give them the same names."""
+    return argname if isinstance(val, bytes) else None
+
+
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Let each of the processes that run all tests import some of their files before it imports the rest.
 
