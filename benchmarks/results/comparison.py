@@ -20,6 +20,8 @@ SAME_IMAGES = "refined_4"
 ALL_IMAGES = "refined"
 LEAST_SHARE = 0.5
 """Valid pixels of a program, relative to those of the built-in method, that a comparison requires."""
+LEAST_PERCENT = 10.0
+"""Valid pixels of a program, in percent, that it requires where the built-in method has no result."""
 GALLERY = "gallery"
 GALLERY_QUANTITIES = ("disparity", "velocity_z", "flow_x", "growth_rate_windowed")
 _COLUMNS = {"cutoff_period_first": "period_at_10_percent_loss"}
@@ -111,7 +113,7 @@ def losses(methods: Sequence[MethodData]) -> pd.DataFrame:
     """Return every value in which another program is more accurate than the built-in method with the same images.
 
     Both are compared over the levels at which the program has a result. ``counts`` says whether the program has at
-    least half as many valid pixels as the built-in method.
+    least half as many valid pixels as the built-in method, or 10 % of all where that has no result.
 
     Parameters
     ----------
@@ -134,6 +136,7 @@ def losses(methods: Sequence[MethodData]) -> pd.DataFrame:
             if number >= best:
                 continue
             all_images = value_of(whole, value, levels)[0] if whole is not None else math.nan
+            least = LEAST_PERCENT if math.isnan(best) else LEAST_SHARE * density
             lines.append(
                 {
                     "case": value.case,
@@ -148,7 +151,7 @@ def losses(methods: Sequence[MethodData]) -> pd.DataFrame:
                     "refined_4_valid_percent": density,
                     "refined_all_images_value": all_images,
                     "ratio": number / best if math.isfinite(best) and best else math.nan,
-                    "counts": bool(value.column == "bad_percent" or math.isnan(best) or share >= LEAST_SHARE * density),
+                    "counts": bool(value.column == "bad_percent" or share >= least),
                 }
             )
     return pd.DataFrame(lines, columns=list(LOSS_COLUMNS))

@@ -102,6 +102,9 @@ def test_a_built_in_method_without_a_result_is_a_loss() -> None:
     other = method("other", PROGRAM, [("slope", "30", "disparity", 0.4, 90.0)])
     (line,) = losses([own, other]).query("statistic == 'rmse'").to_dict("records")
     assert (line["program"], line["counts"], math.isnan(line["ratio"])) == ("other", True, True)
+    # A few pixels are no result of the other program either.
+    few = method("few", PROGRAM, [("slope", "30", "disparity", 0.1, 0.1)])
+    assert not losses([own, few]).query("statistic == 'rmse'")["counts"].any()
     # One that was not measured yet is none.
     assert losses([replace(own, missing=("slope",)), other]).empty
 
