@@ -62,15 +62,6 @@ def test_a_method_that_writes_to_its_images_is_named_and_harms_no_other() -> Non
     assert rows[0] == rows[1] != []
 
 
-def test_fresh_measures_what_is_there_again(tmp_path: Path) -> None:
-    stamps = []
-    for fresh in (False, False, True):
-        compare(nearest, output=tmp_path / "c", **QUICK, fresh=fresh)
-        (kept,) = (tmp_path / "c" / "points" / "phase_of_flow").glob("*.json")
-        stamps.append(kept.stat().st_mtime_ns)
-    assert stamps[0] == stamps[1] < stamps[2]
-
-
 def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
     told: list[tuple[str, int, int]] = []
     found = compare([nearest, failing], output=tmp_path / "c", **QUICK, progress=lambda *one: told.append(one))
@@ -98,7 +89,9 @@ def test_figures_are_kept_and_not_measured_again(tmp_path: Path) -> None:
     assert len(frame) == len(found.rows)
 
 
-def test_what_has_succeeded_is_not_measured_again_and_its_number_is_told(tmp_path: Path, messages: list[str]) -> None:
+def test_what_has_succeeded_is_only_measured_again_on_request_and_its_number_is_told(
+    tmp_path: Path, messages: list[str]
+) -> None:
     found = compare(nearest, output=tmp_path / "c", **QUICK)
     (kept,) = (tmp_path / "c" / "points" / "phase_of_flow").glob("*.json")
     before = kept.stat().st_mtime_ns
@@ -108,6 +101,8 @@ def test_what_has_succeeded_is_not_measured_again_and_its_number_is_told(tmp_pat
     assert messages[0] == "reused: 1 of 1 scenes; 0 remaining"
     assert "--fresh" in messages[1]
     assert len(messages) == 2
+    compare(nearest, output=tmp_path / "c", **QUICK, fresh=True)
+    assert kept.stat().st_mtime_ns > before
 
 
 def test_what_an_installed_method_refuses_is_not_asked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

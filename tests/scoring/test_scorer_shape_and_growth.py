@@ -165,6 +165,7 @@ def test_estimates_alone_are_described_with_their_own_growth(full: Case) -> None
     assert "normal" not in found
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 @pytest.mark.parametrize("stated", [True, *by_night(False)])
 def test_the_figure_shows_the_estimates_own_growth(full: Case, stated: bool, tmp_path: Path) -> None:
     estimate = full.estimate if stated else full.estimate.drop_vars("growth_rate_std")

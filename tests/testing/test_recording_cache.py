@@ -20,6 +20,7 @@ from scenetruth.errors import SceneWarning
 from scenetruth.testing import recording_cache
 from scenetruth.testing.recording_cache import RecordingCache, remove_entries
 from tests.helpers.cached_scene import SMALL
+from tests.helpers.nightly import by_night
 
 
 class Kitchen:
@@ -119,7 +120,7 @@ def test_nobody_can_change_what_others_get(kitchen: Kitchen) -> None:
     assert second.recording.image.attrs["units"] != "px"
 
 
-@pytest.mark.parametrize("harm", ["chunk", "metadata", "missing", "file"])
+@pytest.mark.parametrize("harm", ["chunk", "missing", *by_night("metadata", "file")])
 def test_what_is_damaged_is_made_again(kitchen: Kitchen, harm: str) -> None:
     (entry,) = kitchen.folder.iterdir()
     made = kitchen.open()(SMALL)

@@ -30,9 +30,17 @@ from scenetruth.validation_studies.paper_figure2 import (
 from tests.helpers.nightly import by_night, nightly
 from tests.helpers.scenes import plaid
 
+MIXED, ACROSS, NEARER = (0.7, -0.4, 0.3), (4.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
-@pytest.mark.parametrize("velocity", [(0.7, -0.4, 0.3), (4.0, 0.0, 0.0), (0.0, 0.0, 1.0)])
-@pytest.mark.parametrize("wavelength", [4, 8, 16, 32])
+
+@pytest.mark.parametrize(
+    ("wavelength", "velocity"),
+    [
+        *((4, MIXED), (8, NEARER), (32, ACROSS)),
+        *by_night((8, MIXED), (16, MIXED), (32, MIXED), (4, ACROSS), (8, ACROSS), (16, ACROSS)),
+        *by_night((4, NEARER), (16, NEARER), (32, NEARER)),
+    ],
+)
 def test_pattern_is_what_the_scene_renders(wavelength: int, velocity: tuple[float, float, float]) -> None:
     rendered, _ = st.simulate(plaid(wavelength, velocity, baseline_mm=1.5, phase_deg=(30.0, -70.0)))
     phase = (np.deg2rad(30), np.deg2rad(-70))
@@ -108,7 +116,8 @@ def test_the_error_of_approach_follows_the_phase_where_windows_are_shorter_than_
         # An independent implementation in the paper's mode, 60 runs: rms for λ = 4, 8, 16, 32. For the longest
         # wavelengths it has up to twice our errors of U_X; ours are what the error bars predict.
         ("U_X", 4.0, (8.0e-4, 1.5e-3)),
-        ("U_Z", 1.0, (3.5e-3, 5.6e-3, 8.5e-3, 2.0e-2)),
+        ("U_Z", 1.0, (3.5e-3, 5.6e-3)),
+        *by_night(("U_Z", 1.0, (3.5e-3, 5.6e-3, 8.5e-3, 2.0e-2))),
         *by_night(("U_X", 1.0, (2.5e-3, 4.8e-3)), ("V_X", 4.0, (1.4e-3, 1.8e-3))),
     ],
 )

@@ -23,10 +23,10 @@ from scenetruth.design.optimisation import (
     write_design_page,
 )
 from scenetruth.errors import DesignSpecError, MachineError, OutputExistsError, StoreError
-from tests.helpers.nightly import nightly
+from tests.helpers.nightly import NIGHTLY, nightly
 from tests.helpers.small_specification import spec
 
-SMALL = {"predictions": 120, "morris_trajectories": 1, "sobol": 0}
+SMALL = {"predictions": 120 if NIGHTLY else 60, "morris_trajectories": 1, "sobol": 0}
 CONFIRMED = {"confirmation": {"rigs": 1, "seeds": 2, "max_size_px": 48}, "search": SMALL}
 FEW = {"predictions": 16, "morris_trajectories": 0, "sobol": 0}
 

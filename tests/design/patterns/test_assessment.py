@@ -70,7 +70,7 @@ def test_a_blur_disc_reverses_what_is_finer_than_it() -> None:
 @pytest.mark.parametrize(
     ("kind", "settings", "blur"),
     [
-        ("speckle", {"spacing": 0.0}, {}),
+        *by_night(("speckle", {"spacing": 0.0}, {})),
         ("speckle", {"spacing": 0.0, "coverage": 0.3, "dot_px": 6.0}, BLUR),
         *by_night(("noise", {}, {})),
         ("noise", {"coverage": 0.3, "spectrum_exponent": -1.0}, BLUR),
@@ -132,7 +132,7 @@ def scene_of(pattern: Pattern, folder: Path, optics: dict[str, Any]) -> st.Scene
 
 
 @pytest.mark.parametrize(
-    ("kind", "blur"), [("noise", {}), ("speckle", BLUR), *by_night(("speckle", {}), ("grey_noise", {}))]
+    ("kind", "blur"), [("noise", {}), *by_night(("speckle", BLUR), ("speckle", {}), ("grey_noise", {}))]
 )
 def test_rendered_images_have_the_gradients_that_are_told(kind: str, blur: dict[str, Any], tmp_path: Path) -> None:
     """The lines for scene files are what is used; images of 144 x 108 px hold 900 dots of the 5000: 3 %."""

@@ -15,13 +15,13 @@ from PIL import Image
 from scenetruth.capture import BoardKind
 from scenetruth.design.patterns import InkAreas, Pattern, PatternRig, export_board, generate_board
 from scenetruth.errors import ArgumentError
-from tests.helpers.nightly import nightly
+from tests.helpers.nightly import by_night, nightly
 
 RIG = PatternRig.from_scene(focal_length_px=2500, distance_mm=600, image_size_px=(640, 480))
 KINDS: list[BoardKind] = ["charuco", "checkerboard", "dots", "asymmetric_dots"]
 
 
-@pytest.fixture(params=KINDS)
+@pytest.fixture(params=["charuco", "asymmetric_dots", *by_night("checkerboard", "dots")])
 def board(request: pytest.FixtureRequest) -> Pattern:
     if request.param == "charuco":
         pytest.importorskip("cv2")

@@ -15,6 +15,7 @@ from scenetruth.estimators import find_method, opencv_common, prepare
 from scenetruth.pipeline.runner import write_estimate
 from scenetruth.storage import stored_array
 from tests.helpers.analytic_plane import Plane
+from tests.helpers.nightly import by_night
 
 pytest.importorskip("cv2")
 
@@ -149,7 +150,7 @@ def at_once(recording: xr.Dataset, name: str) -> xr.Dataset:
     )
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", ["opencv_scene_flow", *by_night("opencv_flow", "opencv_stereo")])
 def test_frame_by_frame_from_a_store_is_all_at_once_to_the_bit(deep: xr.Dataset, tmp_path: Path, name: str) -> None:
     st.save_store(deep, tmp_path / "recording.zarr")
     lazy = st.open_store(tmp_path / "recording.zarr")
@@ -169,7 +170,7 @@ def test_frame_by_frame_from_a_store_is_all_at_once_to_the_bit(deep: xr.Dataset,
     assert set(told) == {what for what in counts if what in name or "scene" in name}
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", ["opencv_scene_flow", *by_night("opencv_flow", "opencv_stereo")])
 def test_images_are_read_one_by_one_and_few_are_held(
     deep: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:

@@ -8,6 +8,7 @@ import pytest
 import scenetruth as st
 from scenetruth.estimators.refined import ImageView, derive_priors, place_of, read_schedule, remove_delay_bias
 from scenetruth.schema import StageTolerances
+from tests.helpers.nightly import by_night
 from tests.helpers.scanned_plane import ScannedPlane
 
 INTERVAL_S = 20.0
@@ -23,7 +24,7 @@ def worst(plane: ScannedPlane, *, stated: bool = True) -> dict[str, float]:
     return {name: float(np.abs(found[name].values - truth[name])[inner].max()) for name in ("disparity", "velocity")}
 
 
-@pytest.mark.parametrize("delay", [0.1, -0.2])
+@pytest.mark.parametrize("delay", [0.1, *by_night(-0.2)])
 def test_positions_visited_one_after_the_other(delay: float) -> None:
     """The flow of 1 px per frame would be taken for a disparity."""
     plane = ScannedPlane(delay=delay)

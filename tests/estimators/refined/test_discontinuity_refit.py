@@ -57,13 +57,18 @@ def recordings() -> tuple[xr.Dataset, xr.Dataset]:
 
 
 @pytest.fixture(scope="module")
-def estimates() -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
-    """Of the wall with texture, the same by whole windows only, and of the wall without."""
-    textured, plain = recordings()
-    cases = ((textured, True), (textured, False), (plain, True))
-    found = [st.estimate(each, "refined", window_frames=5, discontinuity_refit=outlines) for each, outlines in cases]
-    one, two, three = (each.isel(t=0, y=ROWS) for each in found)
-    return one, two, three
+def boards() -> tuple[xr.Dataset, xr.Dataset]:
+    return recordings()
+
+
+def estimated(recording: xr.Dataset, *, outlines: bool = True) -> xr.Dataset:
+    return st.estimate(recording, "refined", window_frames=5, discontinuity_refit=outlines).isel(t=0, y=ROWS)
+
+
+@pytest.fixture(scope="module")
+def estimates(boards: tuple[xr.Dataset, xr.Dataset]) -> tuple[xr.Dataset, xr.Dataset]:
+    """Of the wall with texture, and the same by whole windows only."""
+    return estimated(boards[0]), estimated(boards[0], outlines=False)
 
 
 def distances() -> Array:
@@ -83,7 +88,7 @@ def test_every_pixel_is_told_of_its_own_surface(estimates: tuple[xr.Dataset, ...
 
     Noise of 0.003 in windows of sigma 2.4 leaves some 1e-2 px of disparity, which is 0.6 mm; surfaces are 50 mm apart.
     """
-    found, plain, _ = estimates
+    found, plain = estimates
     away = distances()
     truth = np.where(away > 0, NEAR_MM, FAR_MM)
     motion = np.where(away > 0, np.array(NEAR.velocity_mm)[:, None], np.array(FAR.velocity_mm)[:, None])
@@ -133,9 +138,10 @@ def test_error_bars_of_velocity_hold_at_edges_of_changing_light() -> None:
     assert np.mean(scaled[:, known] > 6, axis=1).max() < 0.02
 
 
-def test_an_untextured_wall_is_told_from_the_board_before_it(estimates: tuple[xr.Dataset, ...]) -> None:
+@nightly
+def test_an_untextured_wall_is_told_from_the_board_before_it(boards: tuple[xr.Dataset, xr.Dataset]) -> None:
     """Windows beside the board hold its texture; the wall's own pixels show none, and are not told."""
-    known, away = estimates[2]["status"].values == 2, distances()
+    known, away = estimated(boards[1])["status"].values == 2, distances()
     assert known[:, away > 1.5].mean() > 0.9
     # The outline's own gradient reaches 3 px beyond it.
     assert known[:, away < -5].mean() < 0.02

@@ -73,7 +73,7 @@ def noisy() -> xr.Dataset:
     ("change", "places"),
     [
         pytest.param(black, [(0, 0)], marks=nightly, id="black"),
-        pytest.param(dark, [(1, 3)], id="dark"),
+        pytest.param(dark, [(1, 3)], marks=nightly, id="dark"),
         pytest.param(another, [(0, 1)], marks=nightly, id="file"),
         pytest.param(knocked, [(4, 2)], id="knocked"),
         pytest.param(black, [(2, 2)], marks=nightly, id="black0"),
@@ -99,7 +99,8 @@ def test_bad_images_are_left_out_and_named(
     assert np.abs(scaled).max() < 6
 
 
-@pytest.mark.parametrize("how", ["mask", "NaN"])
+# NaN of single pixels by day: `tests/estimators/refined/test_pixel_defects.py`.
+@pytest.mark.parametrize("how", ["mask", *by_night("NaN")])
 def test_images_that_the_user_leaves_out_are_no_surprise(noisy: xr.Dataset, how: str) -> None:
     """Warnings are errors: there is none."""
     values = noisy["image"].values.copy()
@@ -137,8 +138,18 @@ def test_cameras_alone_and_frames_alone_tell_it_too(cameras: int, frames: int) -
     assert off.max() < (1.5 if cameras > 1 else 0.05)
 
 
-@pytest.mark.parametrize(("cameras", "frames"), [(2, 1), (3, 1), (1, 3), (2, 2), *by_night((4, 1), (2, 3))])
-@pytest.mark.parametrize("change", [another, lambda image: np.roll(image, 4, -1)], ids=["file", "aside"])
+def aside(image: Array) -> Array:
+    return np.roll(image, 4, -1)
+
+
+@pytest.mark.parametrize(
+    ("cameras", "frames", "change"),
+    [
+        *((3, 1, another), (1, 3, another), (2, 2, aside)),
+        *by_night((2, 1, another), (2, 2, another), (4, 1, another), (2, 3, another)),
+        *by_night((2, 1, aside), (3, 1, aside), (1, 3, aside), (4, 1, aside), (2, 3, aside)),
+    ],
+)
 def test_few_images_do_not_tell_which_is_wrong(cameras: int, frames: int, change: Callable[[Array], Array]) -> None:
     """Then nothing is told. But two cameras, one of them shifted aside, show another depth, and one camera motion."""
     recording = changed(PLANE.recording(cameras, frames, noise_std=0.01), change, (cameras // 2, frames // 2))
@@ -195,7 +206,7 @@ def test_cameras_that_see_the_same_but_for_noise_have_no_depth(noisy: xr.Dataset
         pytest.param((0.0, 20.0, 0.0), marks=nightly),
     ],
 )
-@pytest.mark.parametrize(("cameras", "seed"), [(5, 3), (3, 2)])
+@pytest.mark.parametrize(("cameras", "seed"), [(3, 2), *by_night((5, 3))])
 def test_motion_beyond_reach_is_unknown_and_not_wrong(
     velocity: tuple[float, float, float], cameras: int, seed: int
 ) -> None:

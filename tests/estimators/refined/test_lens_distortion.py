@@ -18,6 +18,7 @@ from scenetruth.estimators.refined import (
     straightened,
     undistort,
 )
+from tests.helpers.nightly import by_night
 from tests.helpers.scanned_plane import ScannedPlane
 
 Array = NDArray[np.float64]
@@ -58,7 +59,7 @@ def test_lens_that_folds_the_image_is_refused() -> None:
         st.estimate(recording, "refined")
 
 
-@pytest.mark.parametrize("lens", [Distortion(k1=-0.3, k2=0.1, p1=2e-3, p2=-1e-3), Distortion(k1=0.4)])
+@pytest.mark.parametrize("lens", [Distortion(k1=-0.3, k2=0.1, p1=2e-3, p2=-1e-3), *by_night(Distortion(k1=0.4))])
 def test_estimates_are_those_of_the_distorted_pixels(lens: Distortion) -> None:
     """Without correction, depth is off by the relative change of distances: by up to 3 k1 r², here a tenth."""
     plane = ScannedPlane(focal_px=150.0, depth_mm=300.0, baseline_mm=6.0, distortion=lens, noise_std=0.005, frames=3)

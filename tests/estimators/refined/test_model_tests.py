@@ -24,6 +24,7 @@ from scenetruth.estimators.refined import (
     of_nearest_node,
     refine,
 )
+from tests.helpers.nightly import by_night
 from tests.helpers.wavy_plane import MovingPlane, turning
 
 Array = NDArray[np.float64]
@@ -59,10 +60,9 @@ def iterated(images: ImageStack, **changed: Any) -> RefinedState:
     ("alternative", "changed"),
     [
         ((9, AFFINE, SIGMA_PX), {"motion": "affine"}),
-        ((9, BENT, SIGMA_PX), {"motion": "affine", "acceleration": True}),
         ((5, BENT, SIGMA_PX), {"motion": "affine", "acceleration": True}),
-        ((5, PLAIN, SIGMA_PX), {}),
         ((3, PLAIN, SIGMA_PX), {}),
+        *by_night(((9, BENT, SIGMA_PX), {"motion": "affine", "acceleration": True}), ((5, PLAIN, SIGMA_PX), {})),
         ((9, PLAIN, SIGMA_PX / 2), {"window_sigma_px": SIGMA_PX / 2}),
     ],
 )

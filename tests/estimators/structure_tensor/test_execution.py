@@ -29,7 +29,7 @@ from scenetruth.estimators.structure_tensor import (
     forget_second_best,
 )
 from tests.helpers.analytic_plane import Plane
-from tests.helpers.nightly import nightly
+from tests.helpers.nightly import by_night, nightly
 
 
 def same(one: xr.Dataset, two: xr.Dataset) -> None:
@@ -37,8 +37,14 @@ def same(one: xr.Dataset, two: xr.Dataset) -> None:
         np.testing.assert_array_equal(one[name], two[name], err_msg=str(name))
 
 
-@pytest.mark.parametrize("scratch_bytes", [1, 300_000, 1_000_000])
-@pytest.mark.parametrize("settings", [{"working_point_px": 2}, {}], ids=str)
+@pytest.mark.parametrize(
+    ("scratch_bytes", "settings"),
+    [
+        *((1, {}), (1_000_000, {"working_point_px": 2})),
+        *by_night((300_000, {}), (1_000_000, {}), (1, {"working_point_px": 2}), (300_000, {"working_point_px": 2})),
+    ],
+    ids=str,
+)
 def test_bands_and_groups(monkeypatch: pytest.MonkeyPatch, scratch_bytes: int, settings: dict[str, int]) -> None:
     recording = Plane(velocity=(0.1, -0.05, 0.3), slope=0.3, size=(90, 80)).recording(np.arange(5) - 2, 11, noise=0.01)
     whole = st.estimate(recording, progress=None, **settings)  # type: ignore[arg-type]

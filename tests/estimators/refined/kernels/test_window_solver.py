@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import scenetruth
 from scenetruth.estimators.refined.kernels.window_solver import FUNCTIONALS, VALUES, describe_element
 from tests.helpers.curved_surface import curved
-from tests.helpers.nightly import nightly
+from tests.helpers.nightly import by_night, nightly
 from tests.helpers.wavy_plane import MovingPlane, turning
 
 Array = NDArray[np.float64]
@@ -251,7 +251,7 @@ def test_error_bars_of_the_element_are_those_of_its_errors() -> None:
     assert np.sqrt(np.mean(every**2)) == pytest.approx(1.0, abs=0.15)
 
 
-@pytest.mark.parametrize("surface", ["curved", "auto", "plane"])
+@pytest.mark.parametrize("surface", ["auto", "plane", *by_night("curved")])
 def test_curvature_is_found_in_images(surface: str) -> None:
     """Disparity 8 + c x² / 2: along X the plane curve p = (x, f) / d, whose curvature is (p_x × p_xx) / |p_x|³."""
     recording, disparity = curved(-4e-3, 0.003)
