@@ -17,6 +17,7 @@ from tests.helpers.command_line import names, scenetruth
 from tests.helpers.nightly import NIGHTLY, nightly
 from tests.helpers.page_words import without_definitions
 from tests.helpers.scenes import cube
+from tests.helpers.undrawn_figures import leave_undrawn
 
 pytestmark = pytest.mark.usefixtures("undrawn_figures")
 
@@ -35,7 +36,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("runs")
     scene = write_scene(place / "scene.yaml")
     both = ("--method", "structure_tensor", "--method", "opencv_flow", "--figure", "image", "--figure", "flow")
-    done = scenetruth("run", scene, "-o", place / "x", *both)
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        leave_undrawn(monkeypatch)
+        done = scenetruth("run", scene, "-o", place / "x", *both)
     assert done.returncode == 0, done.stderr
     assert "structure_tensor, region interior" in done.stdout
     assert "opencv_flow, region interior" in done.stdout
