@@ -336,7 +336,7 @@ def test_sensors_without_digital_numbers_are_rejected(tmp_path: Path) -> None:
 
 def test_poses_of_the_board_are_scanned_like_frames(tmp_path: Path) -> None:
     stage = {"positions": 3, "baseline_mm": 4.0, "scan": "bidirectional", "errors": {"backlash_um": 200}}
-    scene = cube(**{**SCENE, "stage": stage, "frames": {"count": 1}})
+    scene = cube(**{**SCENE, "camera": SMALL, "stage": stage, "frames": {"count": 1}})
     settings: dict[str, Any] = {"board": BOARD, "poses": 3, "dark": 0, "flat": 0, "static": 0, "step_std": 0}
     visits = parameters(simulate_capture(scene, tmp_path / "c", **settings))["board"]["visits"]
     off_um = {(one["pose"], one["s"]): 1e3 * one["position_mm"][0] - 4e3 * one["s"] for one in visits}
@@ -347,7 +347,7 @@ def test_poses_of_the_board_are_scanned_like_frames(tmp_path: Path) -> None:
 
 def test_black_level_of_a_gamma_curve_is_that_of_its_dark_images(tmp_path: Path) -> None:
     sensor = {"kind": "emva1288", "preset": "industrial_cmos", "bit_depth": 8, "gain_dn_per_e": 0.024, "gamma": 0.45}
-    scene = cube(**{**SCENE, "sensor": sensor, "frames": {"count": 1}})
+    scene = cube(**{**SCENE, "camera": SMALL, "sensor": sensor, "frames": {"count": 1}})
     folder = simulate_capture(scene, tmp_path / "c", poses=0, dark=1, flat=0)
     camera = yaml.safe_load((folder / "capture.yaml").read_text())["camera"]
     assert (camera["encoding"], camera["bit_depth"]) == ("gamma", 8)

@@ -14,9 +14,10 @@ import yaml
 
 import scenetruth as st
 from tests.helpers.command_line import names, scenetruth
-from tests.helpers.nightly import nightly
+from tests.helpers.nightly import NIGHTLY, nightly
 from tests.helpers.page_words import without_definitions
 from tests.helpers.scenes import cube
+from tests.helpers.undrawn_figures import leave_undrawn
 
 pytestmark = pytest.mark.usefixtures("undrawn_figures")
 
@@ -35,7 +36,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("runs")
     scene = write_scene(place / "scene.yaml")
     both = ("--method", "structure_tensor", "--method", "opencv_flow", "--figure", "image", "--figure", "flow")
-    done = scenetruth("run", scene, "-o", place / "x", *both)
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        leave_undrawn(monkeypatch)
+        done = scenetruth("run", scene, "-o", place / "x", *both)
     assert done.returncode == 0, done.stderr
     assert "structure_tensor, region interior" in done.stdout
     assert "opencv_flow, region interior" in done.stdout
@@ -67,8 +70,9 @@ def test_score_and_report_take_every_estimate(folder: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "score.json" in done.stdout
     assert "score.opencv_flow.json" in done.stdout
-    # With a second process, as users have it, and without a choice all pictures that this method allows.
-    done = scenetruth("report", folder, "--overwrite", "--method", "opencv_flow", helped=True)
+    # By night with a second process, as users have it; by day `tests.cli.test_app` starts one. Without a choice, all
+    # pictures that this method allows are drawn.
+    done = scenetruth("report", folder, "--overwrite", "--method", "opencv_flow", helped=NIGHTLY)
     assert done.returncode == 0, done.stderr
     assert "report.opencv_flow.html" in done.stdout
     assert names(folder / "figures.opencv_flow") == PICTURES

@@ -41,7 +41,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_check_tells_what_varies_what_is_refused_and_what_it_takes(tmp_path: Path) -> None:
-    recipe = written(tmp_path, acceptance=[{"kind": "depth", "object": "tile", "max": 100}], samples=30)
+    recipe = written(tmp_path, acceptance=[{"kind": "depth", "object": "tile", "max": 100}], samples=8)
     output = call("check", recipe)
     assert "uniform from 90 to 110" in output
     assert "rejected: " in output

@@ -16,6 +16,7 @@ from tests.helpers.scenes import SCENES
 from tests.helpers.sweep_scenes import METHOD, scene
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_the_command(tmp_path: Path) -> None:
     scene = laboratory({"sensor": {"noise_std": 0.004, "bit_depth": 8}}, everything=False)
     file = tmp_path / "small.yaml"

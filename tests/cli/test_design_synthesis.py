@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 import yaml
 from PIL import Image
 
@@ -15,6 +16,7 @@ from tests.helpers.small_specification import spec
 FEW = {"predictions": 20, "morris_trajectories": 1, "sobol": 0}
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 def test_a_rig_is_found_and_told(tmp_path: Path) -> None:
     file, out = tmp_path / "spec.yaml", tmp_path / "out"
     file.write_text(yaml.safe_dump(spec(search=FEW)))

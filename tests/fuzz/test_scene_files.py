@@ -18,7 +18,7 @@ def test_all_scenes_of_the_library_are_among_those_that_are_changed() -> None:
 
 
 @by_day
-@settings(max_examples=120, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(content=scene_files())
 def test_any_file_gives_a_scene_or_an_error_of_ours(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "scene.yaml"

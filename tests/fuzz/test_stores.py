@@ -33,7 +33,7 @@ def test_whole_stores_are_used(whole: Path, others: dict[str, Any]) -> None:
 
 
 @by_day
-@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(damage=broken_stores())
 def test_any_store_is_used_or_refused(
     whole: Path, others: dict[str, Any], tmp_path_factory: pytest.TempPathFactory, damage: Damage

@@ -109,7 +109,10 @@ def render_board(
 
     ``fine``: Root of the number of samples per pixel.
     """
-    image = _sampled(_Pose(board, camera, rotation, translation), fine // _PARTS)
+    bright = isinstance(board, DotGrid) and not board.dark
+    shape = board.model_copy(update={"dark": True}) if bright else board
+    image = _sampled(_Pose(shape, camera, rotation, translation), fine // _PARTS)
+    image = 1 - image if bright else image
     # The light is blurred before the pixels integrate it.
     image = gaussian_filter(BLACK + (WHITE - BLACK) * image, blur_px * _PARTS, truncate=6.0)
     return np.asarray(image.reshape(camera.height, _PARTS, camera.width, _PARTS).mean(axis=(1, 3)))
@@ -142,7 +145,7 @@ def _sampled(pose: _Pose, fine: int) -> Array:
     image = np.empty((camera.height * _PARTS, camera.width * _PARTS))
     if isinstance(board, DotGrid):
         _sample_dots(rays, inverse, board.points_mm[:, :2].copy(), board.diameter_mm / 2, fine, image)
-        return image if board.dark else 1 - image
+        return image
     _sample(rays, inverse, board_bitmap(board), CELL / board.square_mm, fine, image)
     return image
 

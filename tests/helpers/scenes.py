@@ -13,9 +13,13 @@ from tests.helpers.nightly import NIGHTLY
 SCENES = Path(__file__).parents[2] / "scenes"
 LIBRARY = sorted(SCENES.glob("*.yaml"))
 """All scenes of the library."""
-SMALL_CUBE = {"camera": {"width": 96, "height": 72, "focal_length_px": 750}, "estimate": {"working_point_px": 6}}
+SMALL_CUBE: dict[str, Any] = {
+    "camera": {"width": 96, "height": 72, "focal_length_px": 750},
+    "frames": {"count": 5},
+    "estimate": {"working_point_px": 6},
+}
 """Changes of `cube` for runs through all stages."""
-FIGURES = None if NIGHTLY else ("image", "depth")
+FIGURES = None if NIGHTLY else ("image",)
 """Figures of the run that tests share: all of them by night."""
 
 

@@ -56,7 +56,7 @@ def test_stages_can_be_taken_up_later(finished: Path, tmp_path: Path) -> None:
 
 def test_what_cannot_be_is_found_before_any_work(tmp_path: Path) -> None:
     with pytest.raises(st.SceneError, match=r"frames\.count: 'opencv_flow' needs 2 frames"):
-        run_scene(cube(**SMALL_CUBE, frames={"count": 1}), output=tmp_path / "x", methods=("opencv_flow",))
+        run_scene(cube(**{**SMALL_CUBE, "frames": {"count": 1}}), output=tmp_path / "x", methods=("opencv_flow",))
     with pytest.raises(st.EstimateError, match="no such method"):
         run_scene(cube(**SMALL_CUBE), output=tmp_path / "x", methods=("guess",))
     with pytest.raises(st.ArgumentError, match="must be some of render, estimate, score, report"):
@@ -129,11 +129,11 @@ def test_an_interrupted_run_goes_on_where_it_was(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, messages: list[str]
 ) -> None:
     folder = tmp_path / "x"
-    asked: dict[str, Any] = {"methods": ("structure_tensor", "endless"), "figures": ["image"]}
+    asked: dict[str, Any] = {"methods": ("flat", "endless"), "figures": ["image"]}
     with pytest.raises(KeyboardInterrupt):
         run_scene(cube(**SMALL_CUBE), output=folder, **asked)
     # Another question is not gone on with.
-    for other in ({"methods": ("structure_tensor",)}, {"truth_content": "complete"}, {"figures": ["depth"]}):
+    for other in ({"methods": ("flat",)}, {"truth_content": "complete"}, {"figures": ["depth"]}):
         with pytest.raises(st.OutputExistsError):
             run_scene(cube(**SMALL_CUBE), output=folder, **{**asked, **other})
     with pytest.raises(st.OutputExistsError):
@@ -146,7 +146,7 @@ def test_an_interrupted_run_goes_on_where_it_was(
     results = run_scene(cube(**SMALL_CUBE), output=folder, **asked)
     assert messages[0] == "resuming the interrupted run: images and truth exist"
     assert {name: (folder / name).stat().st_ino for name in kept} == before
-    assert set(results.scores) == {"structure_tensor", "endless"}
+    assert set(results.scores) == {"flat", "endless"}
     # Nothing is left to go on with.
     assert ".unfinished" not in names(folder)
     with pytest.raises(st.OutputExistsError):

@@ -13,7 +13,11 @@ from scenetruth.simulation import simulate_into
 from scenetruth.truth import TruthOptions
 from tests.helpers.scenes import cube
 
-SMALL = {"camera": {"width": 48, "height": 40, "focal_length_px": 700}, "render": {"backend": "raycast"}}
+SMALL = {
+    "camera": {"width": 48, "height": 40, "focal_length_px": 700},
+    "frames": {"count": 5},
+    "render": {"backend": "raycast"},
+}
 PACKED = {"storage": {"form": "zip", "truth": "float32"}}
 
 

@@ -256,7 +256,7 @@ def test_two_boards_in_one_image_are_seen() -> None:
 
 
 def test_mistakes_of_single_images_are_named() -> None:
-    """Two images with exchanged names contradict the others; a blurred image has larger residuals."""
+    """Two images with exchanged names contradict the others."""
     rig = draw_rig(94, poses=5, positions=3)
     views = list(rig.observations.views)
     one, other = views[6], views[7]
@@ -265,6 +265,12 @@ def test_mistakes_of_single_images_are_named() -> None:
     found = calibrate(rig.observations.selected(views), guess=5016.0, priors=rig.priors)
     assert {view.name for view in found.images if not view.consistent} == {one.name, other.name}
     assert all(any(text.startswith(name) for text in found.warnings) for name in (one.name, other.name))
+
+
+@nightly
+def test_blurred_images_are_named() -> None:
+    """Their residuals are larger; by day `test_bundle_adjustment` names such an image."""
+    rig = draw_rig(94, poses=5, positions=3)
     views = list(rig.observations.views)
     noise = 0.03 * np.random.default_rng(1).standard_normal(views[4].pixels.shape)
     views[4] = replace(views[4], pixels=views[4].pixels + noise)

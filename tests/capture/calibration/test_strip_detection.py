@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -26,8 +28,9 @@ def centres(position: int, shift_px: float = 0.0) -> Array:
     return np.asarray(PER_MM * flat @ np.array([[1, turn], [-turn, 1]]) + [201.3 + shift_px, 138.6])
 
 
-def image_of(position: int, hidden: int = 0, shift_px: float = 0.0) -> Array:
-    """Dark dots on two bright plates, and random grey spots between them; edges blurred by a pixel."""
+@cache
+def spots_and_plates(position: int) -> tuple[Array, Array]:
+    """Two bright plates with random grey spots between them, and noise, which are the same for all dots."""
     generator = np.random.default_rng(position)
     y, x = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
     image = np.full(SIZE, 500.0)
@@ -37,10 +40,21 @@ def image_of(position: int, hidden: int = 0, shift_px: float = 0.0) -> Array:
         image -= generator.uniform(100, 400) * np.clip(generator.uniform(3, 9) - away, 0, 1)
     rows = np.abs(np.abs(y - 138.6) - 19 * PER_MM) < 14
     image[rows] = 2000
+    return image, NOISE * generator.standard_normal(SIZE)
+
+
+@cache
+def image_of(position: int, hidden: int = 0, shift_px: float = 0.0) -> Array:
+    """Dark dots on two bright plates, and random grey spots between them; edges blurred by a pixel."""
+    plates, noise = spots_and_plates(position)
+    image, (y, x) = plates.copy(), np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
+    rows = np.abs(np.abs(y - 138.6) - 19 * PER_MM) < 14
     for dot in centres(position, shift_px)[hidden:]:
         # Mean over the pixel of a blurred edge, in a closed form that is symmetric about the dot.
         image -= np.where(rows, 1700.0, 0.0) * 0.5 * (1 - np.tanh((np.hypot(x - dot[0], y - dot[1]) - 5) / 0.8))
-    return np.asarray(image + NOISE * generator.standard_normal(SIZE))
+    image += noise
+    image.setflags(write=False)
+    return image
 
 
 def recorded(hidden: int = 0) -> list[BoardImage]:
@@ -87,7 +101,7 @@ def test_rows_of_few_dots(count: int) -> None:
     points = np.array([[u, v, 0.0] for v in (-19.0, 19.0) for u in columns])
     y, x = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
     for position in range(3):
-        image = image_of(position, hidden=len(POINTS))
+        image = image_of(position, hidden=len(POINTS)).copy()
         turn = np.array([[1, 0.02], [-0.02, 1]])
         places = PER_MM * (points[:, :2] - [X_MM[position], 0.0]) @ turn + [201.3, 138.6]
         for dot in places:

@@ -90,6 +90,7 @@ def test_capture_without_board_and_frames_has_a_page(board_capture: Path, tmp_pa
     assert noise_words(folder, None) == ["Not measured: add files.dark and files.flat."]
 
 
+@pytest.mark.usefixtures("undrawn_figures")
 @pytest.mark.parametrize("stated", [False, True])
 def test_growth_is_shown_with_its_uncertainty_only(stated: bool, results: CaptureResults, tmp_path: Path) -> None:
     estimate = make_growing_case(32, 24, 250.0).estimate

@@ -105,6 +105,13 @@ def test_card(dataset: Path) -> None:
     assert f"| depth of tile over 100 mm | {refused} |" in markdown
     with pytest.raises(OutputExistsError, match="--overwrite"):
         write_card(dataset, **PUBLISHED)
+
+
+@nightly
+def test_a_card_is_the_same_bytes_again(dataset: Path) -> None:
+    """By day `tests.dataset.pages.test_figures` compares figures that are drawn twice."""
+    write_card(dataset, **PUBLISHED)
+    first = files(dataset)
     write_card(dataset, **PUBLISHED, overwrite=True)
     assert files(dataset) == first
 
