@@ -9,12 +9,13 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 
 import pytest
+from _pytest.doctest import DoctestModule
 from hypothesis import settings
 
 from tests.helpers.undrawn_figures import undrawn_figures
@@ -58,6 +59,22 @@ def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
     """Return the name of an argument for bytes: files may contain the second of their creation, and all processes that
     run tests must give them the same names."""
     return argname if isinstance(val, bytes) else None
+
+
+class _ExamplesOnly:
+    """Collects doctests of the files that contain examples: to search the others takes time and finds nothing."""
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_collect_file(self, file_path: Path) -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
+        collectors = yield
+        if b">>> " in file_path.read_bytes():
+            return collectors
+        return [collector for collector in collectors if not isinstance(collector, DoctestModule)]
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    # A hook of this module itself applies to files below its folder only.
+    config.pluginmanager.register(_ExamplesOnly())
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

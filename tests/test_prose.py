@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import ast
-import io
 import re
-import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -26,6 +23,18 @@ ALLOWED = re.compile(r"\bnot found\b|\bhalf-way\b|\bfar-sight|\bway[- ]?point|\b
 TEMPLATE = re.compile(r"\{[{%#].*?[}%#]\}", re.DOTALL)
 """Code in templates of pages."""
 
+_QUOTED = r'''"""(?:\\.|[^\\])*?"""|\'\'\'(?:\\.|[^\\])*?\'\'\'|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*\''''
+STRING = re.compile(rf"([a-z]{{0,2}})({_QUOTED})", re.IGNORECASE | re.DOTALL)
+COMMENT_OR_STRINGS = re.compile(
+    rf"(?P<comment>#[^\n]*)|(?P<strings>(?:[a-z]{{0,2}}(?:{_QUOTED})\s*)+)", re.I | re.DOTALL
+)
+"""A comment, or strings that follow each other and are one text: parsing takes ten times as long."""
+INSERTED = re.compile(r"(?<!\{)\{(?!\{)[^{}]*\}")
+"""Code in f-strings, the texts of which are read, too."""
+IN_CODE = re.compile(r"""'(.*?)'|"(.*?)\"""")
+ESCAPES = {"n": "\n", "\n": ""}
+"""What escapes stand for, if it is not part of a word."""
+
 PAGES = sorted([*ROOT.glob("docs/**/*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md"])
 NOT_PROSE = {"docs/reference/glossary.md"}
 """Pages that list the words."""
@@ -39,20 +48,41 @@ def offences(text: str) -> list[str]:
 
 def prose_of_module(text: str) -> Iterator[tuple[int, str]]:
     """Yield comments, docstrings and other texts of a module with their lines; no examples, no names of parameters."""
-    for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        if token.type == tokenize.COMMENT:
-            yield token.start[0], token.string
-    for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
-            words = TEMPLATE.sub(" ", node.value)
+    for found in COMMENT_OR_STRINGS.finditer(text):
+        if " " not in found[0].strip():
+            continue
+        words = found["comment"]
+        if not words:
+            words = "".join(value_of_string(*parts) for parts in STRING.findall(found["strings"]))
+            words = TEMPLATE.sub(" ", words)
             words = re.sub(r"^ *>>>.*?(?:\n\s*\n|\Z)", "\n", words, flags=re.MULTILINE | re.DOTALL)
-            yield node.lineno, re.sub(r"(?<=\n) *[\w*]+(?:, [\w*]+)*$", "", words, flags=re.MULTILINE)
+            words = re.sub(r"(?<=\n) *[\w*]+(?:, [\w*]+)*$", "", words, flags=re.MULTILINE)
+        yield text.count("\n", 0, found.start()) + 1, words
 
 
-@pytest.mark.parametrize("package", sorted(path.name for path in (ROOT / "src" / "scenetruth").iterdir()))
+def value_of_string(prefix: str, quoted: str) -> str:
+    """Return what a string of a module says, with spaces where f-strings insert a value."""
+    inner = quoted[3:-3] if quoted.startswith(('"""', "'''")) else quoted[1:-1]
+    if "r" not in prefix.lower() and "\\" in inner:
+        inner = re.sub(r"\\(\n|N\{.*?\}|.)", lambda escape: ESCAPES.get(escape[1], " "), inner, flags=re.DOTALL)
+    if "f" in prefix.lower():
+        while INSERTED.search(inner):  # from the innermost outwards
+            inner = INSERTED.sub(lambda code: " ".join(["", *map("".join, IN_CODE.findall(code[0])), ""]), inner)
+        inner = inner.replace("{{", "{").replace("}}", "}")
+    return inner if inner[-1:].isspace() else f"{inner} "
+
+
+PACKAGES = sorted(
+    path.name
+    for path in (ROOT / "src" / "scenetruth").iterdir()
+    if path.suffix == ".py" or (path.is_dir() and path.name != "__pycache__")
+)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
 def test_source(package: str) -> None:
     path = ROOT / "src" / "scenetruth" / package
-    files = sorted(path.rglob("*.py")) if path.is_dir() else [path] if path.suffix == ".py" else []
+    files = sorted(path.rglob("*.py")) if path.is_dir() else [path]
     wrong = {
         f"{file.relative_to(ROOT)}:{line}": words
         for file in files
@@ -92,5 +122,14 @@ def test_help() -> None:
 
 def test_what_the_scan_sees() -> None:
     assert offences("It is told at once; `told` and ``worth`` are code, not found is English.") == ["told", "at once"]
-    module = '"""What is known.\n\n    >>> told = 1\n    """\nx = f"a {found} told"  # beside\n'
-    assert sorted(word for _, text in prose_of_module(module) for word in offences(text)) == ["beside", "known", "told"]
+    module = (
+        '"""What is known.\n\n    >>> told = 1\n    """\nx = f"a {found} told"  # beside\n'
+        "y = (\n    'a \\'slip\\' at '\n    'once # \\nones'\n)\nz = f\"{'worth it' if told else ''}\"  # in 'sight\n"
+    )
+    found = [(line, word) for line, text in prose_of_module(module) for word in offences(text)]
+    assert found == [
+        (1, "known"),
+        *((5, word) for word in ("told", "beside")),
+        *((7, word) for word in ("slip", "at once", "ones")),
+        *((10, word) for word in ("worth", "sight")),
+    ]
