@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.helpers.command_line import help_texts
+from tests.helpers.source_facts import COMMENT_OR_STRINGS, STRING
 
 ROOT = Path(__file__).parents[1]
 FORBIDDEN = re.compile(
@@ -23,12 +24,6 @@ ALLOWED = re.compile(r"\bnot found\b|\bhalf-way\b|\bfar-sight|\bway[- ]?point|\b
 TEMPLATE = re.compile(r"\{[{%#].*?[}%#]\}", re.DOTALL)
 """Code in templates of pages."""
 
-_QUOTED = r'''"""(?:\\.|[^\\])*?"""|\'\'\'(?:\\.|[^\\])*?\'\'\'|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*\''''
-STRING = re.compile(rf"([a-z]{{0,2}})({_QUOTED})", re.IGNORECASE | re.DOTALL)
-COMMENT_OR_STRINGS = re.compile(
-    rf"(?P<comment>#[^\n]*)|(?P<strings>(?:[a-z]{{0,2}}(?:{_QUOTED})\s*)+)", re.I | re.DOTALL
-)
-"""A comment, or strings that follow each other and are one text: parsing takes ten times as long."""
 INSERTED = re.compile(r"(?<!\{)\{(?!\{)[^{}]*\}")
 """Code in f-strings, the texts of which are read, too."""
 IN_CODE = re.compile(r"""'(.*?)'|"(.*?)\"""")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from tests.helpers.source_facts import facts_of
+from tests.helpers.source_facts import crowded_in
 
 SOURCE = Path(__file__).parents[1] / "src" / "scenetruth"
 
@@ -16,9 +16,8 @@ MOST_PARAMETERS = 12
 def crowded_functions(folder: Path) -> Iterator[str]:
     """Name the functions with more parameters than may be."""
     for file in sorted(folder.rglob("*.py")):
-        for line, name, count in facts_of(file).parameters:
-            if count > MOST_PARAMETERS:
-                yield f"{file.relative_to(folder)}:{line} {name} takes {count}"
+        for line, name, count in crowded_in(file, MOST_PARAMETERS):
+            yield f"{file.relative_to(folder)}:{line} {name} takes {count}"
 
 
 def test_no_function_takes_a_row_of_arguments() -> None:
@@ -32,9 +31,10 @@ def test_the_rule_sees_long_rows_and_lets_keywords_be(tmp_path: Path) -> None:
         f"def short({', '.join(names[:-1])}): pass\n"
         f"def named(*, {', '.join(names)}): pass\n"
         f"class Kind:\n    def method(self, {', '.join(names[:-1])}): pass\n"
+        f"anonymous = lambda {', '.join(names)}: 0\n"
     )
     found = [line.split(" ", 1)[1] for line in crowded_functions(tmp_path)]
-    assert sorted(found) == [f"long takes {MOST_PARAMETERS + 1}", f"method takes {MOST_PARAMETERS + 1}"]
+    assert sorted(found) == [f"{name} takes {MOST_PARAMETERS + 1}" for name in ("lambda", "long", "method")]
 
 
 def repeated_exports(folder: Path) -> list[str]:

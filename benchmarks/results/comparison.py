@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
 import pandas as pd
 from benchmarks.results.contestants import BUILT_IN
 from benchmarks.results.data import MethodData, select
+from numpy.typing import NDArray
 
 from scenetruth.benchmark.cases.case import all_cases
 from scenetruth.scoring.quantities import get_units
@@ -100,13 +103,16 @@ def value_of(one: MethodData, value: Value, levels: Sequence[str] | None = None)
     levels
         Levels; all if not given.
     """
-    frame = _levels_of(one, value)
+    there, numbers, shares = _columns_of(one, value)
     if levels is not None:
-        frame = frame[frame["level"].isin(levels)]
-    numbers = frame[value.column].abs().dropna()
-    density = one.rows(value.case, value.quantity)["valid_percent"]
-    share = frame["valid_percent"].median() if frame["valid_percent"].notna().any() else density.median()
-    return (float(numbers.median()), float(share)) if len(numbers) else (math.nan, math.nan)
+        kept = np.isin(there, levels)
+        numbers, shares = numbers[kept], shares[kept]
+    numbers, shares = np.abs(numbers[~np.isnan(numbers)]), shares[~np.isnan(shares)]
+    if not numbers.size:
+        return math.nan, math.nan
+    if shares.size:
+        return float(np.median(numbers)), float(np.median(shares))
+    return float(np.median(numbers)), float(one.rows(value.case, value.quantity)["valid_percent"].median())
 
 
 def losses(methods: Sequence[MethodData]) -> pd.DataFrame:
@@ -127,8 +133,8 @@ def losses(methods: Sequence[MethodData]) -> pd.DataFrame:
         for other in methods:
             if other.group == BUILT_IN or own is None or value.job in own.missing:
                 continue
-            there = _levels_of(other, value)
-            levels = list(there[there[value.column].notna()]["level"])
+            there, numbers, _ = _columns_of(other, value)
+            levels = list(there[~np.isnan(numbers)])
             if not levels:
                 continue
             number, share = value_of(other, value, levels)
@@ -220,8 +226,8 @@ def too_small_bars(methods: Sequence[MethodData]) -> pd.DataFrame:
     return pd.DataFrame(lines, columns=columns)
 
 
-def _levels_of(one: MethodData, value: Value) -> pd.DataFrame:
-    frame = one.rows(value.case, value.quantity)
-    if value.scene:
-        return select(frame, level=value.scene)
-    return frame[(frame["level"] == "") == (value.column == "period_at_10_percent_loss")]
+def _columns_of(one: MethodData, value: Value) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the levels of a value, the value at each, and the valid pixels in %."""
+    levels, numbers, shares = one.columns(value.case, value.quantity, value.column)
+    kept = levels == value.scene if value.scene else (levels == "") == (value.column == "period_at_10_percent_loss")
+    return levels[kept], numbers[kept], shares[kept]

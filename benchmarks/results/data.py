@@ -10,7 +10,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from scenetruth.benchmark.cases.case import ALL, BOUND, METHOD_VALID, BenchmarkRecord, all_cases
 from scenetruth.output import write_atomically
@@ -82,6 +84,24 @@ class MethodData:
     def rows(self, case: str, quantity: str) -> pd.DataFrame:
         """Return the rows of a quantity of a case."""
         return self._groups.get((case, quantity), self.table.iloc[:0])
+
+    def columns(
+        self, case: str, quantity: str, column: str
+    ) -> tuple[NDArray[Any], NDArray[np.float64], NDArray[np.float64]]:
+        """Return the levels of a quantity of a case, a column of numbers, and the valid pixels in %."""
+        found = self._arrays.get((case, quantity, column))
+        if found is None:
+            rows = self.rows(case, quantity)
+            numbers, shares = (rows[name].to_numpy(float, na_value=math.nan) for name in (column, "valid_percent"))
+            found = rows["level"].to_numpy(object), numbers, shares
+            self._arrays[case, quantity, column] = found
+        return found
+
+    @cached_property
+    def _arrays(
+        self,
+    ) -> dict[tuple[str, str, str], tuple[NDArray[Any], NDArray[np.float64], NDArray[np.float64]]]:
+        return {}
 
     @cached_property
     def _groups(self) -> dict[tuple[str, str], pd.DataFrame]:

@@ -290,7 +290,8 @@ def test_rules_use_the_error_that_is_allowed_for_the_image(error: float) -> None
     """On an oblique plane, the texture steps of pixels are between the longest of two rules."""
     noise = {"kind": "noise", "wavelength_mm": [1.5, 10.0], "mean": 0.5, "rms_contrast": 0.3}
     oblique = {"position_mm": [0, 0, 100], "rotations": [{"axis": [0, 1, 0], "angle_deg": 40}]}
-    wall = plane("wall", 1.0, (400, 400), **oblique) | {"texture": noise}
+    # The image shows 180 mm x 92 mm of it.
+    wall = plane("wall", 1.0, (200, 110), **oblique) | {"texture": noise}
     scene = scene_with(wall, camera={"width": 96, "height": 64, "focal_length_px": 110})
     world = build_scene(scene)
     renderer = AdaptiveRenderer(world, scene.camera, scene.background, image_error=error)

@@ -81,7 +81,7 @@ def test_ray_casting_without_the_opengl_extra_is_no_fallback(monkeypatch: pytest
 def test_raycast_never_loads_opengl() -> None:
     code = (
         "import sys, scenetruth as st\n"
-        f"scene = st.load_scene({str(SCENES / 'plaid.yaml')!r}, overrides=['frames.count=1'])\n"
+        f"scene = st.load_scene({str(SCENES / 'plaid.yaml')!r}, overrides=['frames.count=1', 'stage.positions=2'])\n"
         "recording, truth = st.simulate(scene)\n"
         "print(recording.attrs['render_backend'], 'OpenGL' in sys.modules, 'pyrender' in sys.modules)"
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numba
 import numpy as np
 import pytest
@@ -60,6 +62,7 @@ def reflect_uniform(material: Material, view: Floats) -> tuple[float, float]:
     return float(factors[0]), float(gloss[0])
 
 
+@cache
 def hemisphere(count: int = 160) -> tuple[Floats, Floats]:
     """Return directions, by the midpoint rule in angles, and their weights, which are those of cosines over π."""
     polar = (np.arange(count) + 0.5) / count * np.pi / 2

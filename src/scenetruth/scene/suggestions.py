@@ -42,11 +42,9 @@ def suggest_key(location: Sequence[str | int]) -> str:
     *around, last = location
     path, models = _place_at(around)
     here = sorted({name for model in models for name in _list_fields(model)})
-    key = str(last)
+    key, pattern = str(last), _pattern(path)
     guesses = [f"'{name}'" for name in nearest_words(key, here, _HERE)]
-    others = sorted(
-        {place.kind for place in _places() if place.path == _pattern(path) and key in _list_fields(place.model)}
-    )
+    others = sorted({place.kind for place in _places() if place.path == pattern and key in _list_fields(place.model)})
     if others:
         return f"; it belongs to `kind` {listed(others)}" + (question(guesses) or _list_keys(here))
     elsewhere = _where(key, path)
@@ -71,8 +69,10 @@ def _where(key: str, path: Sequence[str]) -> list[str]:
     for place in _places():
         if key in _list_fields(place.model):
             kinds.setdefault(place.path, set()).add(place.kind)
-    distances = {other: _distance(_pattern(path), other) for other in kinds}
-    nearest = [other for other in sorted(kinds) if distances[other] == min(distances.values())]
+    pattern = _pattern(path)
+    distances = {other: _distance(pattern, other) for other in kinds}
+    least = min(distances.values(), default=0)
+    nearest = [other for other in sorted(kinds) if distances[other] == least]
     return [_spelled(other, key, kinds[other], path) for other in nearest]
 
 

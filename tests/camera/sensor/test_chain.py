@@ -188,10 +188,15 @@ def all_kinds() -> dict[str, type[Effect]]:
     return {kind: model for kind, model in found.items() if issubclass(model, Effect)}
 
 
+@pytest.fixture(scope="module")
+def schema() -> dict[str, Any]:
+    found: dict[str, Any] = Scene.model_json_schema()["$defs"]
+    return found
+
+
 @pytest.mark.parametrize("kind", all_kinds())
-def test_schema_and_page_tell_of_every_effect(kind: str) -> None:
+def test_schema_and_page_tell_of_every_effect(kind: str, schema: dict[str, Any]) -> None:
     effect = all_kinds()[kind]
-    schema = Scene.model_json_schema()["$defs"]
     assert schema[effect.__name__]["description"]
     assert all(field["description"] for field in schema[effect.__name__]["properties"].values())
     assert {"$ref": f"#/$defs/{effect.__name__}"} in schema["SensorChain"]["properties"]["effects"]["items"]["oneOf"]
