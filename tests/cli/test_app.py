@@ -301,9 +301,11 @@ def test_objects_are_not_freed_at_the_end(arguments: list[str], expected: int) -
 
 
 def test_a_full_disk_is_reported(scene_file: Path, tmp_path: Path) -> None:
-    # A limit on the size of files is what a process can set for itself without root.
+    # A limit on the size of files is what a process can set for itself without root. Python would cut compiled modules
+    # at the limit, too, and all later processes would fail to load them.
     code = (
         "import resource, signal, sys\n"
+        "sys.dont_write_bytecode = True\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))\n"
         "sys.argv = ['scenetruth', *sys.argv[1:]]\n"
