@@ -4,11 +4,11 @@ PYTHON_BIN := .venv/bin
 PATH ?= /usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin
 export PATH
 
-.PHONY: help setup demo test accuracy nightly browser bench results docs gallery lint format clean
+.PHONY: help setup demo test accuracy nightly browser bench results docs gallery lint style format clean
 
 # What is imported is compiled once for all processes, also where Python is asked to keep no bytecode: else each of the
 # many that tests start compiles all of its modules anew, and asserts of tests once more.
-demo lint test accuracy nightly browser bench docs gallery format: export PYTHONDONTWRITEBYTECODE :=
+demo lint style test accuracy nightly browser bench docs gallery format: export PYTHONDONTWRITEBYTECODE :=
 
 help:
 	@echo "make demo    environment, then the noise cube: render, estimate, score, report (outputs/cube/report.html)"
@@ -30,16 +30,16 @@ demo:
 	@bash tools/setup.sh demo
 	$(PYTHON_BIN)/scenetruth run scenes/cube.yaml -o outputs/cube --overwrite
 
-lint: setup
+lint: style
+	$(PYTHON_BIN)/mypy
+
+style: setup
 	$(PYTHON_BIN)/ruff check .
 	$(PYTHON_BIN)/ruff format --check .
-	$(PYTHON_BIN)/mypy
 
 # Checking types keeps one processor busy for minutes: kernels are compiled and tests run meanwhile, and the messages
 # follow those of the tests. Linear algebra of parallel tests has one thread each.
-test: setup
-	$(PYTHON_BIN)/ruff check .
-	$(PYTHON_BIN)/ruff format --check .
+test: style
 	@tests=1 types=1; messages=$$(mktemp) && trap 'rm -f "$$messages"' EXIT && \
 	{ $(PYTHON_BIN)/mypy >"$$messages" 2>&1 & types=$$!; } && \
 	{ $(PYTHON_BIN)/scenetruth precompile >/dev/null 2>&1 || true; } && \

@@ -11,11 +11,11 @@ import argparse
 from typing import Any
 
 import numpy as np
+
+import scenetruth as st
 from tests.helpers.analytic_plane import Plane
 from tests.helpers.noise_calibration import NOISE, calibration
 from tests.helpers.scenes import SCENES, plaid
-
-import scenetruth as st
 
 PARTS = ("Z", "U_X", "U_Y", "U_Z")
 REFINED = {"method": "refined"}

@@ -12,9 +12,9 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from tests.helpers.drawn_rigs import assess_draw, draw_rig, fit_draw, summarise
 
 from scenetruth.capture.calibration import scatter_of_poses
+from tests.helpers.drawn_rigs import assess_draw, draw_rig, fit_draw, summarise
 
 __all__ = ["main"]
 

@@ -15,8 +15,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.helpers.drawn_rigs import SIZE, DrawnRig, depth_errors, draw_rig
-from tests.helpers.rendered_boards import noisy, render_board, rendered_noise_variance
 
 from scenetruth.capture.calibration import (
     BoardImage,
@@ -30,6 +28,8 @@ from scenetruth.capture.calibration import (
     refine_points,
     rotation_matrix,
 )
+from tests.helpers.drawn_rigs import SIZE, DrawnRig, depth_errors, draw_rig
+from tests.helpers.rendered_boards import noisy, render_board, rendered_noise_variance
 
 __all__ = ["main"]
 

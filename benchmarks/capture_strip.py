@@ -14,8 +14,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.helpers.drawn_rigs import SIZE, draw_rig
-from tests.helpers.rendered_boards import noisy, rendered_noise_variance
 
 from scenetruth.camera import StageErrors, Viewpoint
 from scenetruth.capture.board_artwork import draw_dots
@@ -30,6 +28,8 @@ from scenetruth.capture.calibration import (
     rotation_matrix,
     triangulate,
 )
+from tests.helpers.drawn_rigs import SIZE, draw_rig
+from tests.helpers.rendered_boards import noisy, rendered_noise_variance
 
 __all__ = ["main"]
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.helpers.wavy_plane import MovingPlane
 
 import scenetruth as st
 from benchmarks.jobs import arguments, ends, heading, line
@@ -24,6 +23,7 @@ from scenetruth.estimators.refined.fit_maps import STEADY_PLACES
 from scenetruth.estimators.refined.image_stack import ImageStack, Splines
 from scenetruth.estimators.refined.iterations import refine
 from scenetruth.indexing import centred_indices
+from tests.helpers.wavy_plane import MovingPlane
 
 Array = NDArray[np.float64]
 CAMERAS, FRAMES, NOISE = 5, 9, 0.005

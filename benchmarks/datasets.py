@@ -33,7 +33,6 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import yaml
-from tests.helpers.small_recipes import RECIPE
 
 from scenetruth.dataset.catalogue import CatalogueWriter
 from scenetruth.dataset.fingerprint import begin_dataset
@@ -45,6 +44,7 @@ from scenetruth.dataset.samples import build_sample_scene, make_sample, try_samp
 from scenetruth.jobs.executors import ProcessExecutor
 from scenetruth.jobs.results import TaskResult
 from scenetruth.jobs.worker_setup import limit_threads
+from tests.helpers.small_recipes import RECIPE
 
 SCENES = Path(__file__).parents[1] / "scenes"
 CUBES: dict[str, Any] = {

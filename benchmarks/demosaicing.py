@@ -9,6 +9,10 @@ import warnings
 from typing import Any
 
 import numpy as np
+
+import scenetruth as st
+from benchmarks.jobs import heading, line
+from scenetruth.camera.sensor import demosaic_wave, predict_displacement
 from tests.helpers.demosaiced_waves import (
     Waves,
     measured_displacement,
@@ -17,10 +21,6 @@ from tests.helpers.demosaiced_waves import (
     tensor_displacement,
 )
 from tests.helpers.demosaicing_windows import refined_map, tensor_map
-
-import scenetruth as st
-from benchmarks.jobs import heading, line
-from scenetruth.camera.sensor import demosaic_wave, predict_displacement
 
 METHODS: tuple[Any, ...] = ("bilinear", "malvar")
 COLOURS = {"grey": (1.0, 1.0, 1.0), "coloured": (1.0, 0.5, 0.2), "red": (1.0, 0.0, 0.0)}

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 import xarray as xr
 from pytest_benchmark.fixture import BenchmarkFixture
-from tests.helpers.plain_structure_tensor import estimate_plain
 
 from scenetruth.estimators import estimate
 from scenetruth.estimators.method_settings import StructureTensorSettings
 from scenetruth.scene import load_scene
 from scenetruth.schema import make_recording
 from scenetruth.simulation import simulate
+from tests.helpers.plain_structure_tensor import estimate_plain
 
 SCENE = Path(__file__).parents[1] / "scenes" / "cube.yaml"
 ONE_POINT: dict[str, Any] = {"working_point_px": 37, "flow_working_point_px": (0, 0)}

@@ -22,6 +22,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+import scenetruth as st
 from benchmarks.dic_challenge.images import (
     BAND_PX,
     PAIRS,
@@ -48,8 +50,6 @@ from benchmarks.dic_challenge.rules import STRAIN as STRAIN_AMPLITUDE
 from benchmarks.jobs import heading, line
 from benchmarks.peers.catalogue import python_of
 from benchmarks.peers.setup import FOLDER as PEERS_FOLDER
-
-import scenetruth as st
 from scenetruth.output import write_atomically
 
 FOLDER = Path("outputs/results/dic_challenge")

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from benchmarks.dic_challenge.rules import STRAIN as STRAIN_AMPLITUDE
-from benchmarks.dic_challenge.rules import periods_px
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d, map_coordinates
 
 import scenetruth as st
+from benchmarks.dic_challenge.rules import STRAIN as STRAIN_AMPLITUDE
+from benchmarks.dic_challenge.rules import periods_px
 
 __all__ = [
     "BAND_PX",

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from benchmarks.dic_challenge.images import Image, recording_of
-from benchmarks.peers.catalogue import PEERS, python_of
 from numpy.typing import NDArray
 
 import scenetruth as st
+from benchmarks.dic_challenge.images import Image, recording_of
+from benchmarks.peers.catalogue import PEERS, python_of
 
 __all__ = ["PROGRAM", "SETTINGS", "Setting", "displacement", "displacement_map", "rows_of_program", "strain_row"]
 

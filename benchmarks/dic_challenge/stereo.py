@@ -26,14 +26,14 @@ from typing import Any
 
 import cv2
 import numpy as np
-from benchmarks.dic_challenge.__main__ import FOLDER, PEERS_FOLDER, data_of_pyvale
-from benchmarks.jobs import heading, line
-from benchmarks.peers.catalogue import python_of
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
 import scenetruth as st
+from benchmarks.dic_challenge.__main__ import FOLDER, PEERS_FOLDER, data_of_pyvale
+from benchmarks.jobs import heading, line
+from benchmarks.peers.catalogue import python_of
 
 CENTRE_PX, SIZE_PX = (1300.0, 1000.0), (640, 480)
 """Middle of the compared part in the image of camera 0, and its size."""

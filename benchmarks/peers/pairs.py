@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from benchmarks.beside import scene_of
-from benchmarks.refined import IDEAL, INTERIOR_PX, LATE
-from benchmarks.same_images import pair_of
-from benchmarks.star import AT_REST
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
 import scenetruth as st
+from benchmarks.beside import scene_of
+from benchmarks.refined import IDEAL, INTERIOR_PX, LATE
+from benchmarks.same_images import pair_of
+from benchmarks.star import AT_REST
 from scenetruth.estimators.external import write_recording
 from scenetruth.output import write_atomically
 

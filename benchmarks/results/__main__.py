@@ -23,7 +23,6 @@ from benchmarks.results.data import COLUMNS, MethodData, spelled, table_of, writ
 from benchmarks.results.four_images import four_images_table, measure_four_images
 from benchmarks.results.jobs import Job, list_jobs, measure_jobs, processor_name, stored_cost, stored_rows
 from benchmarks.results.pages import FOUR_IMAGES, write_pages
-
 from scenetruth.errors import ScenetruthError
 
 

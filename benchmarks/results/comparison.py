@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from benchmarks.results.contestants import BUILT_IN
-from benchmarks.results.data import MethodData, select
 from numpy.typing import NDArray
 
+from benchmarks.results.contestants import BUILT_IN
+from benchmarks.results.data import MethodData, select
 from scenetruth.benchmark.cases.case import all_cases
 from scenetruth.scoring.quantities import get_units
 

@@ -11,7 +11,6 @@ from typing import Any
 
 from benchmarks.peers import few_images
 from benchmarks.peers.catalogue import PEERS, requirements_of
-
 from scenetruth.benchmark.benchmark_report import describe_method
 from scenetruth.estimators import MethodSpec
 from scenetruth.estimators.external import CommandMethod

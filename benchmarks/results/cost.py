@@ -13,12 +13,11 @@ import sys
 import tempfile
 from pathlib import Path
 
+import scenetruth as st
 from benchmarks.beside import scene_of
 from benchmarks.peers.catalogue import words_of
 from benchmarks.results.contestants import CONTESTANTS, PROGRAM, Contestant, submitted
 from benchmarks.results.jobs import ONE_THREAD, run_batch
-
-import scenetruth as st
 from scenetruth.estimators import prepare
 from scenetruth.estimators.external import write_recording
 

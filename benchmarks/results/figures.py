@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
 from benchmarks.results.comparison import GALLERY, STATISTICS
 from benchmarks.results.contestants import BUILT_IN, OPENCV, SUBMITTED
 from benchmarks.results.data import select
-
 from scenetruth.html import COLOURS
 from scenetruth.output import write_atomically
 from scenetruth.scoring.quantities import get_title

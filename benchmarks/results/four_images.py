@@ -23,15 +23,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import yaml
+from numpy.typing import NDArray
+
+import scenetruth as st
 from benchmarks.beside import scene_of
 from benchmarks.peers.catalogue import PEERS, command_of
 from benchmarks.peers.pairs import Pair, made
 from benchmarks.peers.programs.folder import whole_shift
 from benchmarks.results.jobs import estimators_hash
 from benchmarks.star import INTERIOR_PX, crossings, periods_px
-from numpy.typing import NDArray
-
-import scenetruth as st
 from scenetruth.estimators.opencv_common import FlowSettings, eight_bit_images, flow_between
 from scenetruth.output import write_atomically
 

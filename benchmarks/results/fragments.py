@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+
 from benchmarks.results.comparison import (
     ALL_IMAGES,
     GALLERY,
@@ -25,7 +26,6 @@ from benchmarks.results.contestants import BUILT_IN, CONTESTANTS, OPENCV, SUBMIT
 from benchmarks.results.data import MethodData, markdown, select, spelled
 from benchmarks.results.four_images import JOBS
 from benchmarks.results.jobs import list_jobs
-
 from scenetruth.benchmark.cases.case import all_cases
 from scenetruth.scoring.quantities import get_title
 

@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import xarray as xr
-from benchmarks.peers.catalogue import HERE, PEERS, requirements_of, words_of
-from benchmarks.results.contestants import PROGRAM, SUBMITTED, Contestant, version_of
 
 import scenetruth as st
+from benchmarks.peers.catalogue import HERE, PEERS, requirements_of, words_of
+from benchmarks.results.contestants import PROGRAM, SUBMITTED, Contestant, version_of
 from scenetruth import estimators
 from scenetruth.benchmark.cases.case import BenchmarkRecord, Case, all_cases
 from scenetruth.benchmark.design_point import (

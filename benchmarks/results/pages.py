@@ -11,11 +11,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pandas as pd
+
 from benchmarks.results.data import read_methods_data, write_csv
 from benchmarks.results.figures import draw_errors, draw_resolution
 from benchmarks.results.four_images import COLUMNS
 from benchmarks.results.fragments import FRAGMENTS, Results
-
 from scenetruth.output import write_atomically
 
 __all__ = ["PAGES", "fragments_of", "read_results", "with_fragments", "write_pages"]

@@ -9,6 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+from scipy.optimize import brentq
+
+import scenetruth as st
 from benchmarks.dic_challenge.__main__ import strain_field_rows, strain_file
 from benchmarks.dic_challenge.images import SCENE, images_at_rest, noise_of, strain_field, strain_pair
 from benchmarks.dic_challenge.methods import SETTINGS, displacement, strain_row
@@ -22,12 +28,6 @@ from benchmarks.dic_challenge.rules import (
     noise_std,
     periods_px,
 )
-from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
-from scipy.optimize import brentq
-
-import scenetruth as st
 
 Array = NDArray[np.float64]
 COLUMNS = np.arange(WIDTH_PX, dtype=np.float64)

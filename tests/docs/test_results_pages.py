@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+
 from benchmarks.results import __main__ as command
 from benchmarks.results import jobs
 from benchmarks.results.comparison import losses, relative_values, value_of, values
@@ -31,7 +32,6 @@ from benchmarks.results.four_images import JOBS
 from benchmarks.results.fragments import FRAGMENTS, Results
 from benchmarks.results.jobs import Job, list_jobs, measure_jobs, result_key, stored_rows
 from benchmarks.results.pages import PAGES, fragments_of, read_results, with_fragments, write_pages
-
 from scenetruth import load_scene
 from scenetruth.benchmark.cases import ALL, BOUND, METHOD_VALID, BenchmarkRecord, all_cases
 from tests.helpers.nightly import nightly

@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from benchmarks import border_predictions
 from hypothesis import given
 from hypothesis import strategies as some
 from PIL import Image
 
 import scenetruth as st
+from benchmarks import border_predictions
 from scenetruth.design import PredictedValue
 from scenetruth.design.prediction import TITLES, UNITS, predict, predict_quickly, recommend, weighted_median
 from scenetruth.resources.enforcement import limited_objects

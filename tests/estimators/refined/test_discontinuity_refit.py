@@ -138,7 +138,6 @@ def test_error_bars_of_velocity_hold_at_edges_of_changing_light() -> None:
     assert np.mean(scaled[:, known] > 6, axis=1).max() < 0.02
 
 
-@nightly
 def test_an_untextured_wall_is_told_from_the_board_before_it(boards: tuple[xr.Dataset, xr.Dataset]) -> None:
     """Windows beside the board hold its texture; the wall's own pixels show none, and are not told."""
     known, away = estimated(boards[1])["status"].values == 2, distances()

@@ -138,20 +138,20 @@ def test_cameras_alone_and_frames_alone_tell_it_too(cameras: int, frames: int) -
     assert off.max() < (1.5 if cameras > 1 else 0.05)
 
 
-def aside(image: Array) -> Array:
+def displaced(image: Array) -> Array:
     return np.roll(image, 4, -1)
 
 
 @pytest.mark.parametrize(
     ("cameras", "frames", "change"),
     [
-        *((3, 1, another), (1, 3, another), (2, 2, aside)),
+        *((3, 1, another), (1, 3, another), (2, 2, displaced)),
         *by_night((2, 1, another), (2, 2, another), (4, 1, another), (2, 3, another)),
-        *by_night((2, 1, aside), (3, 1, aside), (1, 3, aside), (4, 1, aside), (2, 3, aside)),
+        *by_night((2, 1, displaced), (3, 1, displaced), (1, 3, displaced), (4, 1, displaced), (2, 3, displaced)),
     ],
 )
 def test_few_images_do_not_tell_which_is_wrong(cameras: int, frames: int, change: Callable[[Array], Array]) -> None:
-    """Then nothing is told. But two cameras, one of them shifted aside, show another depth, and one camera motion."""
+    """No image is excluded: two cameras, one image of them displaced, show another depth, and one camera motion."""
     recording = changed(PLANE.recording(cameras, frames, noise_std=0.01), change, (cameras // 2, frames // 2))
     found = estimated(recording, pose_corrections="none")
     assert json.loads(found.attrs["excluded_images"]) == []
