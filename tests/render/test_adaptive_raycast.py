@@ -19,7 +19,7 @@ from scenetruth.render import choose_renderer
 from scenetruth.render.adaptive_raycast import AdaptiveRenderer
 from scenetruth.render.raycast_backend import RaycastRenderer
 from scenetruth.scene.built_scene import build_scene
-from scenetruth.validation_studies.rendering_accuracy import noise_plane, reference_image
+from scenetruth.validation_studies.noise_plane import noise_plane, reference_image
 from tests.helpers.blurred_edges import edge_displacement, edge_normal
 from tests.helpers.faceted_surfaces import ball, relief, scene_of, world_of
 from tests.helpers.nightly import by_night, nightly

@@ -23,7 +23,7 @@ from scenetruth.render.sampling_rules import (
 )
 from scenetruth.scene.built_scene import build_scene
 from scenetruth.scene.texture import SurfaceTexture
-from scenetruth.validation_studies.rendering_accuracy import noise_plane
+from scenetruth.validation_studies.noise_plane import noise_plane
 from tests.helpers.nightly import by_night
 
 

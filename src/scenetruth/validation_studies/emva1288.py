@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,6 @@ from scenetruth.camera import PRESETS, EmvaSensor, LinearImage, PhotonTransfer, 
 from scenetruth.errors import Problem, SceneError
 from scenetruth.progress import Progress
 from scenetruth.random_streams import generator_for
-from scenetruth.validation_studies.csv_tables import write_table
 
 __all__ = ["SensorComparison", "compare_with_settings", "measure_sensor", "run_emva"]
 
@@ -174,10 +173,12 @@ def _generator(name: str, *purpose: str | int) -> np.random.Generator:
 
 
 def _write_csv(comparisons: Sequence[SensorComparison], found: Mapping[str, PhotonTransfer], folder: Path) -> None:
-    write_table(folder / "emva.csv", [asdict(comparison) for comparison in comparisons])
+    import pandas as pd
+
+    pd.DataFrame(comparisons).to_csv(folder / "emva.csv", index=False)
     levels = [
         {"sensor": name, "photons": photons, "mean_dn": mean, "variance_dn2": variance}
         for name, one in found.items()
         for photons, mean, variance in zip(one.photons, one.mean_dn, one.variance_dn2, strict=True)
     ]
-    write_table(folder / "emva_levels.csv", levels)
+    pd.DataFrame(levels).to_csv(folder / "emva_levels.csv", index=False)

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from scenetruth.errors import EstimateWarning, SceneWarning
 from scenetruth.progress import Progress
 from scenetruth.schema import STATUS_VALID, make_recording
-from scenetruth.validation_studies.csv_tables import write_table
 
 __all__ = [
     "FOCAL_LENGTH_PX",
@@ -280,6 +279,8 @@ def run_figure2(
     progress: Progress | None = None,
 ) -> list[ConditionResult]:
     """Measure the complete figure on all cores, and write ``figure2.csv`` and ``figure2.png``."""
+    import pandas as pd
+
     todo = conditions()
     results: dict[Condition, ConditionResult] = {}
     # A single measurement is small: each process uses one thread.
@@ -300,7 +301,7 @@ def run_figure2(
         progress("figure 2", len(todo), len(todo))
     ordered = [results[condition] for condition in todo]
     folder.mkdir(parents=True, exist_ok=True)
-    write_table(folder / "figure2.csv", [asdict(result) for result in ordered])
+    pd.DataFrame(ordered).to_csv(folder / "figure2.csv", index=False)
 
     draw_panels(ordered, folder / "figure2.png", divergence)
     return ordered
