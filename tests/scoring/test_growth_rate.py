@@ -277,10 +277,10 @@ def test_impossible_settings_are_refused(name: str, value: Any) -> None:
 
 def test_a_large_frame_takes_little_time() -> None:
     case = make_growing_case(640, 480, 5000.0)
-    start = time.perf_counter()
+    start = time.process_time()
     values = compute_growth_rate(case.estimate)
-    # 0.5 s on an idle core; the bound leaves room for a busy machine.
-    assert time.perf_counter() - start < 5.0
+    # Processor time, which a busy machine hardly changes: 0.5 s is usual.
+    assert time.process_time() - start < 5.0
     assert isinstance(values, xr.DataArray)
     assert (values.dims, values.attrs["units"]) == (("t", "y", "x"), "1/frame")
 
