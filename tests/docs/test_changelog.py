@@ -1,4 +1,4 @@
-"""The changelog of this version names what was renamed since the last release."""
+"""The changelog names everything that was renamed since version 0.2."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from scenetruth.testing import estimator_checks
 
-CHANGELOG = (Path(__file__).parents[2] / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## ")[1]
+CHANGELOG = (Path(__file__).parents[2] / "CHANGELOG.md").read_text(encoding="utf-8").partition("\n## [0.2.0]")[0]
 
 DOCUMENTED = {
     "scenetruth": (

@@ -69,6 +69,13 @@ def test_the_citation_is_of_the_latest_release(project: dict[str, Any]) -> None:
     assert [each["name"] for each in told["authors"]] == [each["name"] for each in project["authors"]]
 
 
+def test_the_bibliography_entry_of_the_site_has_the_latest_release() -> None:
+    entry = (ROOT / "docs" / "index.md").read_text(encoding="utf-8").partition("@software{scenetruth")[2]
+    found = re.findall(r"version = \{(.*)\},\n *year += \{(.*)\}", entry)[0]
+    version, date = releases()[0]
+    assert found == (version, date[:4])
+
+
 def test_metadata_of_zenodo_agree_with_citation_and_project(project: dict[str, Any]) -> None:
     deposit = json.loads((ROOT / ".zenodo.json").read_text(encoding="utf-8"))
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
