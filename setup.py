@@ -1,4 +1,4 @@
-"""Puts the scenes, the glossary and the script of plotly into the package when it is built."""
+"""Puts the scenes, the glossary and the script of plotly with its licence into the package when it is built."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from setuptools.command.build_py import build_py
 _SCENES, _SHIPPED = "scenes", "scenetruth/shipped"
 _GLOSSARY = Path("docs/reference/glossary.md")
 _SCRIPT = "scenetruth/templates/plotly.min.js"
+_LICENCE = "scenetruth/templates/plotly.LICENSE.txt"
 
 
 class BuildWithCopies(build_py):
-    """Copies ``scenes/`` and the glossary to ``scenetruth/shipped/``, and plotly's script to ``scenetruth/templates/``.
+    """Copies scenes and glossary to ``scenetruth/shipped/``, plotly's script and licence to ``scenetruth/templates/``.
 
     An editable installation reads scenes and glossary where they are, and gets the script with its templates.
     """
@@ -38,7 +39,8 @@ class BuildWithCopies(build_py):
         script = self._script()
         if self.editable_mode:
             return {script: Path("src", _SCRIPT)}
-        return {**self._documents(), script: Path(self.build_lib, _SCRIPT)}
+        copies = {script: Path(self.build_lib, _SCRIPT), self._licence(): Path(self.build_lib, _LICENCE)}
+        return {**self._documents(), **copies}
 
     def _documents(self) -> dict[Path, Path]:
         files = [path for path in sorted(Path(_SCENES).rglob("*")) if path.is_file()]
@@ -51,6 +53,14 @@ class BuildWithCopies(build_py):
         from importlib.metadata import distribution
 
         return Path(str(distribution("plotly").locate_file("plotly/package_data/plotly.min.js")))
+
+    def _licence(self) -> Path:
+        from importlib.metadata import distribution
+
+        plotly = distribution("plotly")
+        found = [file for file in plotly.files or () if file.name.upper().startswith("LICENSE")]
+        # Its licence requires that copies contain it.
+        return Path(str(plotly.locate_file(found[0])))
 
 
 if __name__ == "__main__":

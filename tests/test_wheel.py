@@ -28,6 +28,9 @@ def build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     script = tmp_path / "script.js"
     script.write_text("plotly")
     monkeypatch.setattr(made, "_script", lambda: script)
+    licence = tmp_path / "licence"
+    licence.write_text("MIT")
+    monkeypatch.setattr(made, "_licence", lambda: licence)
     made.finalize_options()
     return made
 
@@ -44,6 +47,7 @@ def test_scenes_are_copied_with_their_files(build: Any, tmp_path: Path) -> None:
     assert {"cubes.yaml", "leaves.yaml"} <= {path.name for path in (shipped / "datasets").iterdir()}
     assert (shipped / "designs" / "cube_depth.yaml").is_file()
     assert (tmp_path / "scenetruth" / "templates" / "plotly.min.js").read_text() == "plotly"
+    assert (tmp_path / "scenetruth" / "templates" / "plotly.LICENSE.txt").read_text() == "MIT"
     assert not list(shipped.rglob("__pycache__"))
     # Pages define their terms by the glossary.
     glossary = ROOT / "docs" / "reference" / "glossary.md"

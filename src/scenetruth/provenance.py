@@ -161,7 +161,7 @@ def _installed_versions() -> str:
 
 
 def own_release() -> str:
-    """Return the base release: 0.2.0 for 0.2.0.dev7+g1a2b3c4. Its commits share caches and interrupted work."""
+    """Return the base release: 0.3.0 for 0.3.0.dev7+g1a2b3c4. Its commits share caches and interrupted work."""
     return re.sub(r"((\.post\d+)?\.dev\d+)?(\+.*)?$", "", version("scenetruth"))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import scenetruth as st
+from scenetruth.dataset import catalogue
 from scenetruth.dataset.generation import read_status, run_dataset
 from scenetruth.dataset.layout import DatasetFolder
 from scenetruth.dataset.reading import Sample, SceneDataset
@@ -57,8 +58,24 @@ def test_samples_are_selected_by_the_catalogue(made: Path) -> None:
     dataset = st.open_dataset(made)
     assert [sample.number for sample in dataset.select(f"`value.{DEPTH}` > 100 and bytes > 0")] == [2, 3, 4]
     assert len(dataset.split("train")) + len(dataset.split("test")) == 5
+    # An unfinished data set may have no samples of a split yet.
+    assert len(dataset.select("split == 'train'").split("test")) == 0
+    with pytest.raises(st.ArgumentError, match=r"must be one of train, test \(got 'trian'\)"):
+        dataset.split("trian")
     with pytest.raises(st.RecipeError, match="is an invalid query"):
         dataset.select("depht > 3")
+
+
+def test_parts_of_the_catalogue_that_a_run_merges_meanwhile_are_read_from_it(
+    made: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gone = [DatasetFolder(made).parts / "part-1of1-000000.parquet"]
+    listed, list_files = [gone], catalogue._files
+    monkeypatch.setattr(catalogue, "_files", lambda folder: listed.pop() if listed else list_files(folder))
+    assert len(st.open_dataset(made)) == 5
+    monkeypatch.setattr(catalogue, "_files", lambda folder: gone)
+    with pytest.raises(st.StoreError, match=r"part-1of1-000000.parquet: is damaged"):
+        st.open_dataset(made)
 
 
 def test_it_serves_loaders_that_copy_it_to_other_processes(made: Path) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import copy
+import hashlib
 import io
 import json
 import pickle
@@ -13,6 +14,7 @@ import pytest
 
 import scenetruth as st
 from scenetruth.dataset import SceneDataset, read_arrays, run_dataset, write_webdataset
+from scenetruth.dataset.training_data import MAPS, TensorsOf
 from scenetruth.errors import ArgumentError, MachineError, OutputExistsError
 from tests.helpers.small_recipes import RECIPE
 
@@ -124,10 +126,44 @@ def test_an_interrupted_run_resumes_and_other_shards_are_refused(made: SceneData
     assert write_webdataset(made, tmp_path / "a", samples_per_shard=1) == shards
     assert [path.read_bytes() for path in shards] == whole
     assert shards[0].stat().st_mtime_ns == kept
-    with pytest.raises(OutputExistsError, match="other samples or maps"):
-        write_webdataset(made, tmp_path / "a", maps=("depth",), samples_per_shard=1)
+    for other, maps, message in (
+        (made, "depth", "the maps depth, velocity"),
+        (made[:2], MAPS, "of 3 samples instead of 2"),
+    ):
+        with pytest.raises(OutputExistsError, match=message):
+            write_webdataset(other, tmp_path / "a", maps=maps, samples_per_shard=1)
+    with pytest.raises(OutputExistsError, match="another number of samples"):
+        write_webdataset(made, tmp_path / "a", samples_per_shard=2)
     with pytest.raises(ArgumentError, match="at least 1"):
         write_webdataset(made, tmp_path / "c", samples_per_shard=0)
+
+
+def test_a_damaged_shard_is_written_again(made: SceneDataset, tmp_path: Path) -> None:
+    shards = write_webdataset(made, tmp_path, maps="depth", samples_per_shard=2)
+    whole = [path.read_bytes() for path in shards]
+    shards[0].write_bytes(whole[0][: len(whole[0]) // 2])
+    flipped = bytearray(whole[1])
+    flipped[len(flipped) // 2] ^= 1
+    shards[1].write_bytes(flipped)
+    assert write_webdataset(made, tmp_path, maps="depth", samples_per_shard=2) == shards
+    assert [path.read_bytes() for path in shards] == whole
+    lists = [path.with_suffix(".sha256").read_text() for path in shards]
+    assert lists == [f"{hashlib.sha256(b).hexdigest()}  {p.name}\n" for b, p in zip(whole, shards, strict=True)]
+
+
+def test_unknown_motions_are_refused(made: SceneDataset) -> None:
+    with pytest.raises(ArgumentError, match="finite, instantaneous"):
+        made.flow_pairs(motion="instant")  # type: ignore[arg-type]
+
+
+def test_tensors_of_unknown_maps_are_refused_before_a_sample_is_read(
+    made: SceneDataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "torch", object())
+    with pytest.raises(ArgumentError, match="depht"):
+        made.to_torch(("depth", "depht"))
+    # The name of a single map is no sequence of letters.
+    assert made.to_torch("depth")._transform == TensorsOf(("depth",))
 
 
 def test_a_missing_torch_is_reported(made: SceneDataset, monkeypatch: pytest.MonkeyPatch) -> None:

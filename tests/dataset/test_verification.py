@@ -212,7 +212,9 @@ def test_samples_without_a_catalogue_are_told(made: Path, tmp_path: Path) -> Non
     folder = tmp_path / "copy"
     shutil.copytree(made, folder)
     shutil.rmtree(folder / "catalogue")
-    with pytest.raises(StoreError, match="has 1 samples, and none of them in its catalogue; rebuild"):
+    with pytest.raises(
+        StoreError, match=r"has 1 samples, and none of them in its catalogue; a run .*; if none .* rebuild"
+    ):
         st.open_dataset(folder)
     assert "is not in the catalogue" in verify_dataset(folder)[0].problem
     assert rebuild_catalogue(folder) == 1

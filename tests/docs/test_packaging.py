@@ -56,6 +56,13 @@ def test_the_conda_recipe_tells_the_same_of_the_package(project: dict[str, Any],
         assert place.is_dir() or place.with_suffix(".py").is_file(), name
 
 
+def test_extras_of_the_conda_recipe_have_the_same_bounds(project: dict[str, Any], recipe: dict[str, Any]) -> None:
+    own = {line for lines in project["optional-dependencies"].values() for line in lines if ">=" in line}
+    constraints = bounds(recipe["requirements"]["run_constraints"])
+    assert constraints
+    assert constraints.items() <= bounds(sorted(own)).items()
+
+
 def test_the_oldest_versions_are_those_that_are_allowed(project: dict[str, Any]) -> None:
     lines = (PACKAGING / "oldest.txt").read_text(encoding="utf-8").splitlines()
     pinned = bounds([line for line in lines if not line.startswith("#")], "==")
@@ -67,6 +74,13 @@ def test_the_citation_is_of_the_latest_release(project: dict[str, Any]) -> None:
     assert (told["version"], str(told["date-released"])) == releases()[0]
     assert (told["title"], told["license"]) == (project["name"], project["license"])
     assert [each["name"] for each in told["authors"]] == [each["name"] for each in project["authors"]]
+
+
+def test_the_bibliography_entry_of_the_site_has_the_latest_release() -> None:
+    entry = (ROOT / "docs" / "index.md").read_text(encoding="utf-8").partition("@software{scenetruth")[2]
+    found = re.findall(r"version = \{(.*)\},\n *year += \{(.*)\}", entry)[0]
+    version, date = releases()[0]
+    assert found == (version, date[:4])
 
 
 def test_metadata_of_zenodo_agree_with_citation_and_project(project: dict[str, Any]) -> None:
@@ -97,6 +111,18 @@ def test_the_wheel_holds_all_files_of_the_package() -> None:
     assert others == named
     # Not whatever else git tracks.
     assert told["include-package-data"] is False
+
+
+def test_the_image_has_a_supported_python_and_extras_and_commands_of_the_package(project: dict[str, Any]) -> None:
+    text = (PACKAGING / "Dockerfile").read_text(encoding="utf-8")
+    images = re.findall(r"^FROM python:(3\.\d+)-", text, re.MULTILINE)
+    # The wheel is made by the version that installs it.
+    assert len(images) == 2
+    assert {f"Programming Language :: Python :: {image}" for image in images} <= set(project["classifiers"])
+    extras = re.findall(r"\.whl\)\[(.*)\]", text)[0].split(",")
+    assert set(extras) <= set(project["optional-dependencies"])
+    commands = re.findall(r'^(?:RUN|ENTRYPOINT) (?:\[")?(scenetruth)\b', text, re.MULTILINE)
+    assert set(commands) == set(project["scripts"])
 
 
 def test_the_image_is_made_of_all_that_git_tracks_and_ends_as_a_user() -> None:

@@ -14,7 +14,7 @@ import pytest
 from packaging.version import Version
 from setuptools_scm import get_version
 
-from tests.helpers.releases import releases
+from tests.helpers.releases import releases, unreleased
 
 ROOT = Path(__file__).parents[2]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools_scm"]
@@ -109,6 +109,8 @@ def test_a_source_distribution_tells_it_and_bare_files_do_not(repository: Path) 
     assert version_of(repository) == "1.2.3"
 
 
-def test_what_is_worked_on_is_not_behind_the_latest_release() -> None:
-    assert Version(NEXT) >= Version(releases()[0][0])
+def test_what_is_worked_on_is_the_next_release() -> None:
+    latest = Version(releases()[0][0])
+    # At a release, nothing is unreleased.
+    assert Version(NEXT) == latest if unreleased() == "" else Version(NEXT) > latest
     assert SETTINGS["fallback_version"].endswith(".dev0")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-__all__ = ["ROOT", "releases"]
+__all__ = ["ROOT", "releases", "unreleased"]
 
 
 ROOT = Path(__file__).parents[2]
@@ -20,3 +20,8 @@ def releases() -> list[tuple[str, str]]:
     assert found
     assert None not in found, headings
     return [(one.group(1), one.group(2)) for one in found if one is not None]
+
+
+def unreleased() -> str:
+    """Return the changes since the latest release."""
+    return (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## ")[1].partition("\n")[2].strip()

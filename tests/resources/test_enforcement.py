@@ -40,7 +40,7 @@ def test_all_that_is_too_much_is_told_at_once() -> None:
     with pytest.raises(st.MachineError) as caught:
         refuse_resources(FORECAST, small, Limits(hours=2))
     text = str(caught.value)
-    for words in ("about 6 GB, limit 5:", "--limit memory_gb=6.3", "2.5 hours", "hours=2.6"):
+    for words in ("about 6 GB, limit 5 GB:", "--limit memory_gb=6.3", "2.5 hours", "hours=2.6"):
         assert words in text
 
 

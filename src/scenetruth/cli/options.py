@@ -146,7 +146,7 @@ def _check_output(context: typer.Context, path: Path | None) -> Path | None:
     if path.name in ("", ".."):
         msg = "must name a directory to create; '.', '..' and '/' exist already"
         raise typer.BadParameter(msg)
-    from scenetruth.output.destinations import check_writable
+    from scenetruth.output import check_writable
 
     check_writable(path)
     return path

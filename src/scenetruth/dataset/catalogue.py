@@ -7,7 +7,7 @@ import math
 import os
 import re
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -234,14 +234,8 @@ def list_catalogued(folder: DatasetFolder) -> set[int]:
     require_parquet()
     import pyarrow.parquet as pq
 
-    found: set[int] = set()
-    for path in _files(folder):
-        refuse_unlike_checksum(path, describe_remedy(folder))
-        try:
-            found.update(pq.read_table(path, columns=["sample"])["sample"].to_pylist())
-        except (OSError, ValueError, KeyError) as error:
-            raise StoreError(path, f"is damaged: {error}; {describe_remedy(folder)}") from error
-    return found
+    tables = _read_files(folder, lambda path: pq.read_table(path, columns=["sample"]))
+    return {number for table in tables for number in table["sample"].to_pylist()}
 
 
 def read_catalogue(folder: DatasetFolder, sampler: Sampler) -> pyarrow.Table:
@@ -251,15 +245,28 @@ def read_catalogue(folder: DatasetFolder, sampler: Sampler) -> pyarrow.Table:
     import pyarrow.parquet as pq
 
     schema = build_catalogue_schema(sampler)
-    tables = []
-    for path in _files(folder):
-        refuse_unlike_checksum(path, describe_remedy(folder))
-        try:
-            tables.append(pq.read_table(path).select(schema.names).cast(schema))
-        except (OSError, ValueError, KeyError) as error:
-            raise StoreError(path, f"is damaged: {error}; {describe_remedy(folder)}") from error
+    tables = _read_files(folder, lambda path: pq.read_table(path).select(schema.names).cast(schema))
     whole = pa.concat_tables([schema.empty_table(), *tables]).sort_by("sample")
     return whole.take(pa.array(_first_of_each(whole["sample"].to_pylist()), pa.int64()))
+
+
+def _read_files(folder: DatasetFolder, read: Callable[[Path], pyarrow.Table]) -> list[pyarrow.Table]:
+    """Return the tables of the catalogue or of its parts, also if a run merges the parts meanwhile."""
+    paths = _files(folder)
+    try:
+        return [_read_file(folder, path, read) for path in paths]
+    except StoreError:
+        if _files(folder) == paths:
+            raise
+        return _read_files(folder, read)
+
+
+def _read_file(folder: DatasetFolder, path: Path, read: Callable[[Path], pyarrow.Table]) -> pyarrow.Table:
+    refuse_unlike_checksum(path, describe_remedy(folder))
+    try:
+        return read(path)
+    except (OSError, ValueError, KeyError) as error:
+        raise StoreError(path, f"is damaged: {error}; {describe_remedy(folder)}") from error
 
 
 def describe_remedy(folder: DatasetFolder) -> str:
@@ -300,13 +307,16 @@ def _first_of_each(numbers: Iterable[int]) -> list[int]:
 
 def list_parts(folder: DatasetFolder) -> list[Path]:
     """Return the parts of the catalogue during generation, in the order of their names."""
-    if not folder.parts.is_dir():
+    try:
+        return sorted(path for path in folder.parts.iterdir() if _PART.fullmatch(path.name))
+    except (FileNotFoundError, NotADirectoryError):
         return []
-    return sorted(path for path in folder.parts.iterdir() if _PART.fullmatch(path.name))
 
 
 def _files(folder: DatasetFolder) -> list[Path]:
-    return [*([folder.catalogue] if folder.catalogue.exists() else []), *list_parts(folder)]
+    # A run that ends writes the catalogue before it removes the parts.
+    parts = list_parts(folder)
+    return [*([folder.catalogue] if folder.catalogue.exists() else []), *parts]
 
 
 def _write(table: pyarrow.Table, path: Path) -> None:

@@ -20,7 +20,7 @@ from scenetruth.errors import OutputExistsError
 from scenetruth.jobs.executors import create_executor, resolve_workers
 from scenetruth.jobs.results import TaskResult
 from scenetruth.jobs.scheduler import ResourceGuard, TaskScheduler, write_with_retry
-from scenetruth.output import lock_output, remove_leftovers, write_atomically
+from scenetruth.output import check_writable, lock_output, remove_leftovers, write_atomically
 from scenetruth.progress import Progress, say
 from scenetruth.resources import (
     Forecast,
@@ -183,6 +183,7 @@ def run_dataset(
     places, whole = DatasetFolder(output), partition or Partition()
     if places.path.exists() and not places.path.is_dir():
         raise OutputExistsError(places.path, "is not a directory; specify another output")
+    check_writable(places.path)
     # Processes are started by their first task.
     with closing(create_executor(workers, threads, scheduler)) as crew:
         if recipe is None:

@@ -244,5 +244,6 @@ def extract_sample(path: Path, number: int) -> Iterator[Path]:
         except (OSError, tarfile.TarError) as error:
             raise StoreError(path, f"cannot be read: {error}") from error
         if found < len(wanted):
-            raise StoreError(path, f"does not contain sample {number}")
+            message = f"does not contain all files of sample {number}"
+            raise StoreError(path, f"{message}; `scenetruth verify` lists damaged files with their remedy")
         yield Path(scratch)

@@ -17,9 +17,10 @@ from xarray.core import indexing
 from scenetruth.dataset.catalogue import describe_remedy, load_scores, read_catalogue
 from scenetruth.dataset.fingerprint import DatasetFingerprint, open_sampler, read_fingerprint
 from scenetruth.dataset.layout import RECORDING, SCENE, TRUTH, DatasetFolder, compute_shard_number, extract_sample
+from scenetruth.dataset.sampler import HELD_OUT
 from scenetruth.dataset.samples import SampleStore
-from scenetruth.dataset.training_data import MAPS, FlowPairs, StereoPairs, TensorsOf, import_torch
-from scenetruth.errors import Problem, RecipeError, StoreError
+from scenetruth.dataset.training_data import MAPS, FlowPairs, StereoPairs, TensorsOf, check_maps, import_torch
+from scenetruth.errors import ArgumentError, Problem, RecipeError, StoreError
 from scenetruth.pipeline import RunDirectory
 from scenetruth.scene import Scene, load_scene
 from scenetruth.storage import load_store, open_store
@@ -27,6 +28,7 @@ from scenetruth.storage import load_store, open_store
 if TYPE_CHECKING:
     import pandas as pd
 
+    from scenetruth.dataset.recipe_model import RecipeModel
     from scenetruth.exporters.export_source import FlowKind
 
 __all__ = ["Sample", "SceneDataset", "open_dataset"]
@@ -173,7 +175,7 @@ class SceneDataset(Sequence[Any]):
         place = range(len(self))[int(index)]
         row: dict[str, Any] = {str(key): value for key, value in self.catalogue.iloc[place].to_dict().items()}
         number = int(row["sample"])
-        shard = self.folder.shard(compute_shard_number(number, self._per_shard))
+        shard = self.folder.shard(compute_shard_number(number, self._recipe.samples_per_shard))
         # A directory whose tar file exists is about to be removed.
         return Sample(number, self.folder, shard if shard.exists() else None, row)
 
@@ -187,21 +189,29 @@ class SceneDataset(Sequence[Any]):
         return SceneDataset(self.folder, cast("pd.DataFrame", found), self._transform)
 
     def split(self, name: str) -> SceneDataset:
-        """Return the samples of a split."""
+        """Return the samples of a split of the recipe; an unfinished data set may have none."""
+        recipe = self._recipe
+        known = [*recipe.splits, *([HELD_OUT] if recipe.hold_out else [])]
+        if name not in known:
+            message = f"must be one of {', '.join(known)}" if known else "does not exist: the recipe has no splits"
+            raise ArgumentError([Problem("name", message, name)], source=f"splits of {self.folder.path}")
         return SceneDataset(self.folder, self.catalogue[self.catalogue["split"] == name], self._transform)
 
     def stack(self, variable: str, of: Literal["recording", "truth"] = "truth") -> xr.DataArray:
         """Return a variable of all samples as one array whose samples are loaded on access."""
         return stack_lazily(variable, of, [self.sample(index) for index in range(len(self))], self.folder.path)
 
-    def to_torch(self, maps: Sequence[str] = MAPS) -> SceneDataset:
+    def to_torch(self, maps: str | Sequence[str] = MAPS) -> SceneDataset:
         """Return the data set with samples as mappings of PyTorch tensors, for ``torch.utils.data.DataLoader``.
 
         ``image``: float32, full scale 1, shape (s, t, channel, y, x); ``maps``: variables of the truth, NaN where there
         is no value; ``sample``: its number. Samples of equal shape form batches without a ``collate_fn``.
         """
         import_torch()
-        return SceneDataset(self.folder, self.catalogue, TensorsOf(tuple(maps)))
+        names = (maps,) if isinstance(maps, str) else tuple(maps)
+        if len(self):
+            check_maps(self.sample(0), names)
+        return SceneDataset(self.folder, self.catalogue, TensorsOf(names))
 
     def flow_pairs(self, frame: int = 0, camera: int = 0, motion: FlowKind = "finite") -> FlowPairs:
         """Return two successive images of every sample with their flow; see `FlowPairs`."""
@@ -217,8 +227,8 @@ class SceneDataset(Sequence[Any]):
         return read_fingerprint(self.folder)
 
     @cached_property
-    def _per_shard(self) -> int:
-        return open_sampler(self.folder).recipe.samples_per_shard
+    def _recipe(self) -> RecipeModel:
+        return open_sampler(self.folder).recipe
 
 
 def open_dataset(dataset: str | Path, *, transform: Callable[[Sample], Any] | None = None) -> SceneDataset:
@@ -268,8 +278,9 @@ def open_dataset(dataset: str | Path, *, transform: Callable[[Sample], Any] | No
         store = SampleStore.of(places, sampler, identity)
         present = store.present(range(identity.count))
         store.refuse_empty(present)
-        message = f"has {len(present):,} samples, and none of them in its catalogue; {describe_remedy(places)}"
-        raise StoreError(places.path, message)
+        message = f"has {len(present):,} samples, and none of them in its catalogue"
+        remedy = f"a run adds new samples every minute; if none is in progress, {describe_remedy(places)}"
+        raise StoreError(places.path, f"{message}; {remedy}")
     for method, scores in load_scores(places).items():
         catalogue = catalogue.join(scores.add_prefix(f"score.{method}."), on="sample")
     return SceneDataset(places, catalogue, transform)

@@ -8,16 +8,16 @@ import tarfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, SupportsIndex
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, SupportsIndex, get_args
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from scenetruth.dataset.checksums import check_listed, list_path, write_with_checksums
 from scenetruth.errors import ArgumentError, MachineError, Problem
 from scenetruth.exporters.export_source import ExportSource, FlowKind
 from scenetruth.jobs.job_folder import JobFolder
-from scenetruth.output import write_atomically
 from scenetruth.progress import Progress
 
 if TYPE_CHECKING:
@@ -83,23 +83,29 @@ MAPS = ("depth", "velocity")
 _CHANNEL = "channel"
 
 
-def read_arrays(sample: SampleData, maps: Sequence[str] = MAPS) -> dict[str, NDArray[Any]]:
+def read_arrays(sample: SampleData, maps: str | Sequence[str] = MAPS) -> dict[str, NDArray[Any]]:
     """Return the images and maps of a sample as arrays in the order that learning code expects.
 
     ``image``: float32 with full scale 1, shape (..., channel, y, x), with one channel if grey; a map of floating-point
     numbers: float32, NaN where there is no value; other maps: as they are. The leading dimensions are those of the
     recording and of the truth: camera positions s, frames t, components of vectors.
     """
-    missing = [name for name in maps if name not in sample.truth]
-    if missing:
-        there = ", ".join(sorted(map(str, sample.truth.data_vars)))
-        problems = [Problem("maps", f"is not in the truth, which contains {there}", name) for name in missing]
-        raise ArgumentError(problems, source=f"sample {sample.number}")
+    names = check_maps(sample, maps)
     found = {"image": _image(sample.recording)}
-    for name in maps:
+    for name in names:
         values = sample.truth[name].values
         found[name] = values.astype(np.float32) if np.issubdtype(values.dtype, np.floating) else values
     return found
+
+
+def check_maps(sample: SampleData, maps: str | Sequence[str]) -> tuple[str, ...]:
+    """Return the names of maps, also of a single one; raise if the truth of a sample does not contain them."""
+    names = (maps,) if isinstance(maps, str) else tuple(maps)
+    if missing := [name for name in names if name not in sample.truth]:
+        there = ", ".join(sorted(map(str, sample.truth.data_vars)))
+        problems = [Problem("maps", f"is not in the truth, which contains {there}", name) for name in missing]
+        raise ArgumentError(problems, source=f"sample {sample.number}")
+    return names
 
 
 def _image(recording: xr.Dataset) -> NDArray[np.float32]:
@@ -182,6 +188,8 @@ class FlowPairs(_Pairs):
 
     def __init__(self, dataset: SampleSequence, frame: int = 0, camera: int = 0, motion: FlowKind = "finite") -> None:
         super().__init__(dataset)
+        if motion not in get_args(FlowKind):
+            raise ArgumentError([Problem("motion", f"must be one of {', '.join(get_args(FlowKind))}", motion)])
         self._frame, self._camera, self._motion = frame, camera, motion
 
     def _pair(self, source: ExportSource) -> ImagePair:
@@ -243,7 +251,7 @@ def write_webdataset(
     dataset: SampleSequence,
     output: str | Path,
     *,
-    maps: Sequence[str] = MAPS,
+    maps: str | Sequence[str] = MAPS,
     samples_per_shard: int = 100,
     progress: Progress | None = None,
 ) -> list[Path]:
@@ -251,8 +259,9 @@ def write_webdataset(
 
     A sample has the files ``00000417.image.npy``, one ``00000417.MAP.npy`` for each map, as `read_arrays` returns them,
     and ``00000417.json`` with its drawn values, its split, and the camera. The files of a split are
-    ``shards/SPLIT-000000.tar`` and so on (``samples-000000.tar`` without splits). Tar files are the same bytes in every
-    run, and written atomically: an interrupted run resumes when it is repeated.
+    ``shards/SPLIT-000000.tar`` and so on (``samples-000000.tar`` without splits), each with its checksum in
+    ``SPLIT-000000.sha256``. Tar files are the same bytes in every run, and written atomically: an interrupted run
+    resumes when it is repeated, and writes damaged tar files again.
 
     Parameters
     ----------
@@ -296,32 +305,48 @@ def write_webdataset(
     """
     if samples_per_shard < 1:
         raise ArgumentError([Problem("samples_per_shard", "must be at least 1", samples_per_shard)])
+    maps = (maps,) if isinstance(maps, str) else tuple(maps)
     if len(dataset):
         read_arrays(dataset.sample(0), maps)
     plan = _plan_shards(dataset, samples_per_shard)
     identity = {
-        "data_set": dataset.identity.recipe_hash,
+        "data_set": [dataset.identity.recipe_hash, dataset.identity.backend],
         "maps": list(maps),
         "shards": {name: [int(dataset.catalogue["sample"].iloc[place]) for place in places] for name, places in plan},
     }
     written, done = [], 0
-    with _SHARDS.open(output, identity, other="contains shards of other samples or maps; choose another") as folder:
+
+    def write(partial: Path) -> None:
+        with tarfile.open(partial, "w", format=tarfile.USTAR_FORMAT) as tar:
+            for number, place in enumerate(places):
+                if progress is not None:
+                    progress("samples", done + number, len(dataset))
+                _add_sample(tar, dataset.sample(place), maps)
+
+    with _SHARDS.open(output, identity, other=lambda there: _describe_other(identity, there)) as folder:
         for name, places in plan:
             target = folder / "shards" / name
             written.append(target)
-            if not target.exists():
-                with (
-                    write_atomically(target) as partial,
-                    tarfile.open(partial, "w", format=tarfile.USTAR_FORMAT) as tar,
-                ):
-                    for number, place in enumerate(places):
-                        if progress is not None:
-                            progress("samples", done + number, len(dataset))
-                        _add_sample(tar, dataset.sample(place), maps)
+            # A tar file that was damaged since is written again.
+            if not target.exists() or check_listed(list_path(target), [target], ""):
+                write_with_checksums({target: write})
             done += len(places)
     if progress is not None:
         progress("samples", done, len(dataset))
     return written
+
+
+def _describe_other(now: Mapping[str, Any], there: Any) -> str:
+    """Return the parts in which the shards of a directory differ."""
+    there = there if isinstance(there, dict) else {}
+    if there.get("data_set") != now["data_set"]:
+        return "contains shards of another data set; choose another output"
+    if there.get("maps") != now["maps"]:
+        return f"contains shards with the maps {', '.join(there.get('maps', ()))}; choose another output"
+    before, after = (sum(map(len, each["shards"].values())) for each in (there, now))
+    if before != after:
+        return f"contains shards of {before:,} samples instead of {after:,}; choose another output"
+    return "contains shards of other samples, or with another number of samples; choose another output"
 
 
 def _plan_shards(dataset: SampleSequence, samples_per_shard: int) -> list[tuple[str, list[int]]]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from scenetruth.errors import ArgumentError, OutputExistsError, Problem
-from scenetruth.output import lock_output, remove_leftovers, write_atomically
+from scenetruth.output import check_writable, lock_output, remove_leftovers, write_atomically
 from scenetruth.plain_data import parse_json
 
 __all__ = ["JobFolder"]
@@ -81,6 +81,7 @@ class JobFolder:
             return
         if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
             raise OutputExistsError(folder, f"exists, and is not a directory of {self.noun}; choose another")
+        check_writable(folder)
         (folder / self.results).mkdir(parents=True, exist_ok=True)
         with write_atomically(index) as scratch:
             scratch.write_text(json.dumps(wanted, indent=self.indent, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -8,6 +8,7 @@ from scenetruth.output.atomic_write import (
     scratch_path,
     write_atomically,
 )
+from scenetruth.output.destinations import check_writable
 from scenetruth.output.ownership import (
     Claim,
     OwnershipResult,
@@ -18,6 +19,6 @@ from scenetruth.output.ownership import (
 )
 
 __all__ = [
-    "Claim", "OwnershipResult", "check_output", "claim_file", "claim_folder", "claim_pictures",
+    "Claim", "OwnershipResult", "check_output", "check_writable", "claim_file", "claim_folder", "claim_pictures",
     "describe_foreign_files", "is_full_disk", "lock_output", "remove_leftovers", "scratch_path", "write_atomically",
 ]  # fmt: skip

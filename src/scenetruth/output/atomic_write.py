@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from scenetruth.errors import OutputExistsError, StoreError
-from scenetruth.output.destinations import check_destination
+from scenetruth.output.destinations import check_destination, check_writable
 from scenetruth.output.locks import locked, this_writer, written_by
 from scenetruth.output.ownership import Claim, OwnershipResult, claim_file
 
@@ -118,7 +118,10 @@ def scratch_path(partial: Path) -> Path:
 
 def check_output(target: str | Path, *, overwrite: bool = False, claim: Claim = claim_file) -> None:
     """Raise, before any work, if `write_atomically` would reject a target."""
-    _refuse_existing(check_destination(target), overwrite, claim)
+    place = check_destination(target)
+    if not place.exists():
+        check_writable(target)
+    _refuse_existing(place, overwrite, claim)
 
 
 def _refuse_existing(place: Path, overwrite: bool, claim: Claim) -> None:

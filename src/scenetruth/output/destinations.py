@@ -34,14 +34,19 @@ def check_destination(target: str | Path) -> Path:
 
 
 def check_writable(target: str | Path) -> None:
-    """Raise if a target does not exist, and cannot be created."""
+    """Raise if a directory does not exist and cannot be created, or exists and cannot be written to."""
     shown = Path(target)
     try:
         place = Path(os.path.realpath(shown))
-        if os.path.lexists(place):
-            return
+        exists = os.path.lexists(place)
     except (OSError, ValueError) as error:
         raise StoreError(repr(str(target)), f"is not a valid output path: {error}; specify another output") from error
+    if exists:
+        if not place.is_dir():
+            raise StoreError(shown, "exists, and is not a directory; specify another output")
+        if not os.access(place, os.W_OK | os.X_OK):
+            raise StoreError(shown, "is a directory that is not writable; specify another output")
+        return
     _refuse_name(shown, place)
     folder = _refuse_parent(shown, place)
     try:

@@ -160,10 +160,8 @@ def _most(given: float | None, there: int | None) -> float | None:
 def _problem(what: str, wanted: float, most: float | None, unit: str, remedy: str) -> Problem | None:
     if most is None or wanted <= most:
         return None
-    return Problem(
-        what,
-        f"estimated at about {_format_value(wanted)} {unit}, limit {_format_value(most)}: {remedy}={_up(wanted)}",
-    )
+    estimate = f"estimated at about {_format_value(wanted)} {unit}, limit {_format_value(most)} {unit}"
+    return Problem(what, f"{estimate}: {remedy}={_up(wanted)}")
 
 
 def _format_value(value: float) -> str:

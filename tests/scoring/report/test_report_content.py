@@ -58,6 +58,15 @@ def test_depth_and_motion_are_told_with_their_signal_and_where_they_are_worst(sc
     assert state_result([depth, motion], "mine").startswith(f"The method mine measures depth to {depth.figure} mm and ")
 
 
+def test_errors_of_surfaces_without_relief_are_no_share_of_it(scored: tuple[Score, Viewer]) -> None:
+    result, viewer = scored
+    rmse = result.regions["interior"]["depth"]["rmse"]
+    assert rmse is not None
+    for spread, said in ((rmse / 9.9, True), (rmse / 10.1, False), (0.0, False)):
+        depth, _ = summarise_score(result, dataclasses.replace(viewer, spread={"depth": spread}))
+        assert ("of the standard deviation of the true depth" in depth.rest) == said
+
+
 def test_errors_above_the_quantity_are_no_measurement(scored: tuple[Score, Viewer]) -> None:
     depth, motion = summarise_score(*scored)
     worse = dataclasses.replace(motion, relative=10.4)

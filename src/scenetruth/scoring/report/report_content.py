@@ -507,6 +507,10 @@ def main_summaries(summaries: Mapping[str, MapSummary]) -> list[MapSummary]:
     return found
 
 
+_MOST_SPREADS = 10
+"""Ratio of an error to the standard deviation of the truth up to which it is stated."""
+
+
 def _shape_sentence(score: Score, viewer: Viewer) -> Iterator[SummarySentence]:
     name = next((name for name in ("depth", "disparity", "normal") if name in score.regions["all"]), None)
     if name is None:
@@ -515,7 +519,8 @@ def _shape_sentence(score: Score, viewer: Viewer) -> Iterator[SummarySentence]:
     signal = _signal(values, name)
     spread = viewer.spread.get(name, 0.0)
     rms = values["rmse"]
-    if spread and rms is not None:
+    # A surface without relief has nothing to compare with.
+    if rms is not None and 0 < rms <= _MOST_SPREADS * spread:
         varies = f"{format_percent_value(rms / spread)} % of the standard deviation of the true {name}"
         signal += f"{' and ' if signal else ''}{varies}"
     title = {"depth": "Depth", "disparity": "Disparity", "normal": "Normal"}[name]
