@@ -52,6 +52,7 @@ __all__ = [
     "describe_noise",
     "describe_parts",
     "interior_share",
+    "list_empty_objects",
     "main_summaries",
     "state_result",
     "summarise_estimate",
@@ -117,6 +118,16 @@ def interior_share(score: Score) -> float | None:
             count, density, of_all, density_of_all = (float(number or 0.0) for number in numbers)
             return min(count / density / (of_all / density_of_all), 1.0)
     return None
+
+
+def list_empty_objects(names: Sequence[str], regions: Iterable[str]) -> list[str]:
+    """Return the objects without a region of their own; the region of a single object is the whole surface.
+
+    >>> list_empty_objects(["leaf", "soil"], ["all", "object_leaf"]), list_empty_objects(["cube"], ["all"])
+    (['soil'], [])
+    """
+    found = set(regions)
+    return [name for name in names if len(names) > 1 and f"object_{name}" not in found]
 
 
 def describe_invalidity(estimate: xr.Dataset, truth: xr.Dataset) -> str:

@@ -36,6 +36,7 @@ from scenetruth.scoring.report.report_content import (
     describe_maps,
     describe_noise,
     interior_share,
+    list_empty_objects,
     state_result,
     summarise_estimate,
     summarise_score,
@@ -248,7 +249,7 @@ def _render(
     else:
         content = _content_with_truth(score, viewer, method)
         names = [] if truth is None or "object_id" not in truth else read_object_names(truth)
-        content["empty_objects"] = [f"“{name}”" for name in names if f"object_{name}" not in score.regions]
+        content["empty_objects"] = [f"“{name}”" for name in list_empty_objects(names, score.regions)]
         content["invalid"] = "" if truth is None else describe_invalidity(estimate, truth)
     template = "without_truth.html.j2" if score is None else "with_truth.html.j2"
     page = environment.get_template(template).render(
