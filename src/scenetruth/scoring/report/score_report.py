@@ -20,7 +20,6 @@ from scenetruth.html import template_environment
 from scenetruth.number_format import (
     flatten,
     format_count,
-    format_measured,
     format_number,
     format_percent_value,
     humanise,
@@ -30,10 +29,10 @@ from scenetruth.progress import Progress
 from scenetruth.results import Result
 from scenetruth.schema import check_same_run, read_intrinsics, read_object_names, read_scene
 from scenetruth.scoring.figures import FigureInfo, plot_all
+from scenetruth.scoring.report.map_summaries import describe_maps, format_value
 from scenetruth.scoring.report.report_content import (
     build_score_content,
     describe_invalidity,
-    describe_maps,
     describe_noise,
     interior_share,
     list_empty_objects,
@@ -237,7 +236,7 @@ def _render(
     environment = template_environment("scenetruth.scoring.report")
     environment.filters |= {
         "number": format_number,
-        "measured": format_measured,
+        "measured": format_value,
         "percent": format_percent_value,
         "count": format_count,
     }
