@@ -57,6 +57,26 @@ QUESTIONS = {
     "out of memory": "results/scaling",
     "how do I cite this": "index",
     "matlab": "how_to/export",
+    # Words of a question, and words that the page lacks, hide no page.
+    "how many frames do I need": "how_to/optimise_a_rig",
+    "import my own mesh": "tutorials/02_own_mesh",
+    "how do I add my own texture": "how_to/scenes/textures",
+    "can I use a photo as a texture": "how_to/scenes/textures",
+    "how long does it take": "results/scaling",
+    "which method is best for optical flow": "how_to/choose_a_method",
+    "compare two methods": "how_to/compare_methods",
+    "what is density": "reference/statistics",
+    "exit code": "how_to/run_from_cli",
+    "scene file format": "reference/scene_file/index",
+    "sensitivity analysis": "how_to/optimise_a_rig",
+    "digital image correlation": "results/dic_challenge",
+    "digital twin": "how_to/predict_errors_by_a_twin",
+    "time lapse of a plant": "tutorials/03_growing_leaf",
+    "save images as png": "how_to/run_from_cli",
+    "quick start": "get_started",
+    "sweep parameters": "how_to/run_a_sweep",
+    "point cloud": "how_to/export",
+    "poisson noise": "how_to/scenes/sensors",
 }
 # Rare words of decisions and of the changelog: these pages are found, but last.
 RARE = ("embree", "pydantic", "interrupted")

@@ -64,9 +64,9 @@ def _scripts() -> list[str]:
         f"var stopwords = new Set({json.dumps(sorted(search.stopwords))});",
         *stemmers,
         "var Stemmer = EnglishStemmer;",
-        RANKING.read_text(encoding="utf-8"),
         search_script(),
         (folder / "themes" / "basic" / "static" / "searchtools.js").read_text(encoding="utf-8"),
+        RANKING.read_text(encoding="utf-8"),
         f"Search.setIndex({json.dumps(_index(search))});",
     ]
 

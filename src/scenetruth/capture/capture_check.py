@@ -438,10 +438,8 @@ def _flat(folder: CaptureFolder) -> list[CaptureFinding]:
     if correction is None or correction.defects is None or not correction.defects.any():
         return []
     count = int(correction.defects.sum())
-    message = (
-        f"{count:,} pixels are defective ({format_two_digits(100 * count / correction.defects.size)} "
-        "%), and will be invalid"
-    )
+    share = format_two_digits(100 * count / correction.defects.size)
+    message = f"{count:,} {'pixel is' if count == 1 else 'pixels are'} defective ({share} %), and will be invalid"
     return [CaptureFinding("flat", "note", message)]
 
 

@@ -26,7 +26,14 @@ from scenetruth.settings import ScoreSettings
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["GrowingObjects", "Score", "find_growing_objects", "includes_fallback", "select_summary_quantities"]
+__all__ = [
+    "GrowingObjects",
+    "Score",
+    "find_growing_objects",
+    "includes_fallback",
+    "is_growth",
+    "select_summary_quantities",
+]
 
 
 Values = Mapping[str, float | int | None]
@@ -59,6 +66,13 @@ def select_summary_quantities(regions: Regions, *, grows: bool) -> list[str]:
 
 _ROUNDING = 1e9
 """Relative RMSE of growth beyond which the true growth rate consists of rounding errors."""
+
+
+def is_growth(relative_rmse: float | None) -> bool:
+    """Return whether the true growth rate exceeds rounding errors, by the RMSE relative to it."""
+    return relative_rmse is not None and relative_rmse < _ROUNDING
+
+
 _OBJECT = "object_"
 
 
@@ -107,8 +121,7 @@ def find_growing_objects(regions: Regions) -> GrowingObjects | None:
         name = next((name for name in ("growth_rate", "growth_rate_windowed") if name in quantities), None)
         if not region.startswith(_OBJECT) or name is None or not quantities[name]["count"]:
             continue
-        relative = quantities[name].get("relative_rmse")
-        (still if relative is None or relative >= _ROUNDING else growing).append(region)
+        (growing if is_growth(quantities[name].get("relative_rmse")) else still).append(region)
     return GrowingObjects(tuple(growing)) if growing and still else None
 
 
@@ -202,8 +215,7 @@ class Score(Result):
     @property
     def grows(self) -> bool:
         """Whether any true growth rate exceeds rounding errors; growth is omitted for rigid motion."""
-        error = self.regions["all"].get("growth_rate", {}).get("relative_rmse")
-        return error is not None and error < _ROUNDING
+        return is_growth(self.regions["all"].get("growth_rate", {}).get("relative_rmse"))
 
     def __repr__(self) -> str:
         return line_summary(self.regions, grows=self.grows)

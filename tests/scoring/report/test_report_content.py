@@ -12,6 +12,7 @@ from scenetruth.schema import REASONS
 from scenetruth.scoring import score
 from scenetruth.scoring.report import (
     Viewer,
+    build_score_content,
     build_viewer,
     describe_invalidity,
     describe_maps,
@@ -78,6 +79,38 @@ def test_errors_above_the_quantity_are_no_measurement(scored: tuple[Score, Viewe
     # Just below and above the quantity.
     assert dataclasses.replace(motion, relative=0.999).is_measured
     assert not dataclasses.replace(motion, relative=1.0).is_measured
+
+
+def test_quantities_without_a_scored_pixel_are_named(scored: tuple[Score, Viewer]) -> None:
+    """Of a single frame, no motion is estimated; a dash with a unit would be no statement."""
+    result, viewer = scored
+    empty = dict.fromkeys(result.regions["interior"]["depth"]) | {"count": 0, "density": 0.0}
+    regions = {
+        region: {name: empty if "velocity" in name else entries for name, entries in values.items()}
+        for region, values in result.regions.items()
+    }
+    depth, motion = sentences = summarise_score(Score(regions, result.metadata), viewer)
+    assert (depth.has_figure, motion.has_figure) == (True, False)
+    assert state_result(sentences, "mine").endswith("Motion is not scored: no pixel of the interior has a valid value.")
+    # Where pixels near edges are valid, their error is stated.
+    near = {**regions, "all": result.regions["all"]}
+    rest = summarise_score(Score(near, result.metadata), viewer)[-1].rest
+    whole = format_number(result.regions["all"]["velocity_epe"]["rmse"])
+    assert rest.startswith(f"no pixel of the interior has a valid value; over all valid pixels: {whole} mm/frame RMSE.")
+    # The page has a sentence for an estimate without any number.
+    assert state_result([motion], "mine") == ""
+    cards = {card["title"] for card in build_score_content(Score(regions, result.metadata))["headlines"]}
+    assert {"Depth, RMSE", "Density of depth"} < cards
+    assert not any("Velocity" in card for card in cards)
+
+
+def test_the_whole_surface_has_one_number(scored: tuple[Score, Viewer]) -> None:
+    depth, _ = summarise_score(*scored)
+    whole = dataclasses.replace(depth, whole=depth.figure)
+    stated = f"The method mine measures depth to {depth.figure} mm (RMSE over all valid pixels), relative to the exact"
+    assert state_result([whole], "mine", 1.0).startswith(stated)
+    assert "in the interior, 40.0 % of the surface; over all" in state_result([whole], "mine", 0.4)
+    assert f"of the surface; over all valid pixels: {depth.whole} mm" in state_result([depth], "mine", 1.0)
 
 
 def test_nearly_empty_regions_are_not_the_worst(scored: tuple[Score, Viewer]) -> None:
@@ -183,6 +216,13 @@ def test_growth_is_that_of_the_objects_that_grow() -> None:
     one = summarise_score(with_objects(["object_two", "object_wall"]), viewer)[-1]
     assert one.title == "Growth of “two”"
     assert state_result([one], "mine").startswith(f"The method mine measures growth of “two” to {one.figure} %/h")
+    # The interior holds the wall alone: its error is not that of the leaves.
+    inner = result.regions["interior"]
+    none = {name: {**inner[name], "relative_rmse": None} for name in ("growth_rate", "growth_rate_windowed")}
+    still = Score({**result.regions, "interior": {**inner, **none}}, result.metadata)
+    hidden = summarise_score(still, viewer)[-1]
+    assert (hidden.title, hidden.has_figure) == ("Growth", False)
+    assert hidden.rest == "no surface that grows is scored in the interior."
     # Where all objects grow, or one alone is seen, the interior is theirs.
     for names in (list(errors), ["object_two"]):
         assert summarise_score(with_objects(names), viewer)[-1].figure == interior
@@ -191,7 +231,8 @@ def test_growth_is_that_of_the_objects_that_grow() -> None:
 def test_without_truth_medians_are_told(full_case: Case) -> None:
     found = describe_maps(full_case.estimate)
     depth, motion = summarise_estimate(found)
-    assert depth.figure == format_number(found["depth"].median)
+    # A median has the digits that its standard deviation leaves, as in the first sentence of the page.
+    assert describe_noise(found)["medians"].startswith(f"depth ({depth.figure} ± ")
     assert f"The density is {format_percent_value(found['depth'].density)} %" in depth.rest
     assert motion.title == "Velocity in Z"
     assert depth.where == ""
@@ -221,4 +262,4 @@ def test_the_common_part_of_standard_deviations_is_stated(full_case: Case) -> No
     assert found["depth"].median_std is not None
     # Of a different set: values of zero count as well.
     assert found["depth"].median_common <= found["depth"].median_std / 4 * (1 + 1e-6)
-    assert f"({format_number(found['depth'].median_common, 2)} of it common to all pixels)" in depth.rest
+    assert f"(common to all pixels: {format_number(found['depth'].median_common, 2)} mm)" in depth.rest

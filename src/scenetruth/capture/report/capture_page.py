@@ -32,7 +32,8 @@ from scenetruth.number_format import (
 from scenetruth.progress import Progress
 from scenetruth.scoring.error_pairs import read_std
 from scenetruth.scoring.figures import FigureInfo
-from scenetruth.scoring.report.report_content import describe_maps, describe_noise
+from scenetruth.scoring.report.map_summaries import describe_maps
+from scenetruth.scoring.report.report_content import describe_noise
 from scenetruth.scoring.report.score_report import inline_picture
 
 __all__ = ["CaptureResults", "write_capture_page"]

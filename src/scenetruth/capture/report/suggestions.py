@@ -191,7 +191,7 @@ def suggest(
     found = sorted(found, key=lambda one: one.after_mm)[:_MOST]
     if len(known) > 3:
         least = min(known, key=lambda pose: pose.without_mm)
-        text = f"Pose {least.pose} contributes least: replace it by another before others"
+        text = f"Pose {least.pose} contributes least: replace this pose first"
         found.append(Suggestion(text, least.without_mm))
     return found
 

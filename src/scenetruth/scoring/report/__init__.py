@@ -15,12 +15,11 @@ from scenetruth.scoring.report.map_packing import (
     pack_viewer_images,
     unpack_map,
 )
+from scenetruth.scoring.report.map_summaries import describe_maps, describe_parts
 from scenetruth.scoring.report.report_content import (
     build_score_content,
     describe_invalidity,
-    describe_maps,
     describe_noise,
-    describe_parts,
     state_result,
     summarise_estimate,
     summarise_score,

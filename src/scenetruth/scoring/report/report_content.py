@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from scenetruth.number_format import (
     UNDEFINED,
@@ -18,50 +17,32 @@ from scenetruth.number_format import (
     format_percent_value,
     format_share,
     format_two_digits,
-    format_unit,
     format_with_std,
 )
-from scenetruth.schema import REASONS, read_intrinsics
-from scenetruth.scoring.alignment import check_estimate, count_blocks, iterate_aligned_blocks, iterate_blocks
+from scenetruth.schema import REASONS
+from scenetruth.scoring.alignment import iterate_aligned_blocks
 from scenetruth.scoring.common_statistics import COMMON_STATISTICS
-from scenetruth.scoring.error_pairs import (
-    find_valid_pixels,
-    list_quantities,
-    percent_per_hour,
-    read_common_std,
-    read_quantity,
-    read_std,
-)
-from scenetruth.scoring.growth_rate import compute_growth_rate
 from scenetruth.scoring.quantities import ENDPOINT, OUTLIERS, QUANTITIES, get_title
-from scenetruth.scoring.quantities import get_units as stored_units
 from scenetruth.scoring.regions import REGIONS, describe_region, title_region
 from scenetruth.scoring.report.hotspot_pictures import HotspotPicture
+from scenetruth.scoring.report.map_summaries import MapSummary, format_value, get_units, main_summaries
 from scenetruth.scoring.report.viewer import Viewer
 from scenetruth.scoring.report.viewer_layers import ErrorHotspot
-from scenetruth.scoring.score_result import Score, find_growing_objects, select_summary_quantities
-from scenetruth.scoring.statistics import RATES, StreamingQuantiles
+from scenetruth.scoring.score_result import Score, find_growing_objects, is_growth, select_summary_quantities
+from scenetruth.scoring.statistics import RATES
 from scenetruth.settings import ScoreSettings
 
 __all__ = [
-    "MapSummary",
     "SummarySentence",
     "build_score_content",
     "describe_invalidity",
-    "describe_maps",
     "describe_noise",
-    "describe_parts",
     "interior_share",
-    "main_summaries",
+    "list_empty_objects",
     "state_result",
     "summarise_estimate",
     "summarise_score",
 ]
-
-
-def get_units(name: str) -> str:
-    """Return the units of a quantity as pages show them."""
-    return format_unit(stored_units(name))
 
 
 _HEADLINES = (
@@ -119,6 +100,16 @@ def interior_share(score: Score) -> float | None:
     return None
 
 
+def list_empty_objects(names: Sequence[str], regions: Iterable[str]) -> list[str]:
+    """Return the objects without a region of their own; the region of a single object is the whole surface.
+
+    >>> list_empty_objects(["leaf", "soil"], ["all", "object_leaf"]), list_empty_objects(["cube"], ["all"])
+    (['soil'], [])
+    """
+    found = set(regions)
+    return [name for name in names if len(names) > 1 and f"object_{name}" not in found]
+
+
 def describe_invalidity(estimate: xr.Dataset, truth: xr.Dataset) -> str:
     """Return the reasons for invalid pixels with their fractions of the surface; empty if none are stated."""
     if "invalid_reason" not in estimate:
@@ -147,7 +138,8 @@ def _headlines(score: Score, shown: list[str]) -> Iterator[dict[str, str]]:
     further = () if "velocity_z" in shown or "depth" in shown else _HEADLINES_OF_FLOW
     for title, quantity, statistic in (*_HEADLINES, *further):
         # Outlier rates are present only where they are meaningful.
-        if quantity in shown or (quantity == OUTLIERS and statistic in score.regions["all"].get(OUTLIERS, {})):
+        values = score.regions["all"].get(quantity, {})
+        if values.get(statistic) is not None and quantity in (*shown, OUTLIERS):
             yield _headline(score, title, quantity, statistic)
 
 
@@ -236,98 +228,6 @@ def _settings(score: Score) -> dict[str, str]:
     }
 
 
-Map = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class MapSummary:
-    """Summary statistics of one quantity over all frames.
-
-    ``median``, ``low``, ``high``: Median, 5th and 95th percentile of the valid values; None without any.
-    ``median_std``: Median of the standard deviations that the estimate states there, or None.
-    ``median_common``: Median of the part of them that pixels have in common, or None.
-    ``density``, ``count``: Fraction (0 to 1) and number of pixels with a valid value.
-    """
-
-    title: str
-    units: str
-    median: float | None
-    low: float | None
-    high: float | None
-    median_std: float | None
-    median_common: float | None
-    density: float
-    count: int
-
-
-def describe_maps(estimate: xr.Dataset) -> dict[str, MapSummary]:
-    """Return the summaries of the valid scalar quantities of an estimate; missing growth is computed in windows."""
-    return describe_parts(estimate, {"": np.ones((1, 1), dtype=np.bool_)})[""]
-
-
-def describe_parts(estimate: xr.Dataset, parts: Mapping[str, NDArray[np.bool_]]) -> dict[str, dict[str, MapSummary]]:
-    """Return the summaries of an estimate for several parts of the image, in one pass; ``parts``: masks by name."""
-    check_estimate(estimate)
-    single = count_blocks(estimate) == 1
-    found: dict[str, dict[str, _Values]] = {name: {} for name in parts}
-
-    def add(name: str, values: Map, std: Map | None = None, common: Map | None = None) -> None:
-        for part, mask in parts.items():
-            inside = np.broadcast_to(mask, values.shape)
-            stated = [None if one is None else one[inside] for one in (std, common)]
-            found[part].setdefault(name, _Values(single=single)).add(values[inside], *stated)
-
-    for block in iterate_blocks(estimate):
-        for name in list_quantities(block):
-            full = find_valid_pixels(block, QUANTITIES[name].variable)
-            values = np.where(full, read_quantity(block, name), np.nan)
-            add(name, values, read_std(block, name), read_common_std(block, name))
-        if "growth_rate" not in block and {"depth", "velocity"} <= set(block):
-            add("growth_rate", percent_per_hour(read_intrinsics(block)) * compute_growth_rate(block).values)
-    return {part: _summaries(values) for part, values in found.items()}
-
-
-def _summaries(found: Mapping[str, _Values]) -> dict[str, MapSummary]:
-    summaries = {name: values.summary(get_title(name), get_units(name)) for name, values in found.items()}
-    return {name: item for name, item in summaries.items() if name != "growth_rate" or item.count}
-
-
-class _Values:
-    """Accumulates the values of one quantity, block by block."""
-
-    def __init__(self, *, single: bool) -> None:
-        self._values, self._stds, self._commons = (StreamingQuantiles(single=single) for _ in range(3))
-        self._size = self._count = self._stated = self._common = 0
-
-    def add(self, values: Map, std: Map | None, common: Map | None) -> None:
-        known = np.isfinite(values)
-        self._size += values.size
-        self._count += int(known.sum())
-        self._values.add(values[known])
-        if std is not None:
-            stated = std[known & np.isfinite(std) & (std > 0)]
-            self._stated += stated.size
-            self._stds.add(stated)
-        if common is not None:
-            shared = common[known & np.isfinite(common)]
-            self._common += shared.size
-            self._commons.add(shared)
-
-    def summary(self, title: str, units: str) -> MapSummary:
-        low, median, high = self._values.at([5, 50, 95]) if self._count else (None, None, None)
-        return MapSummary(
-            title=title,
-            units=units,
-            median=median,
-            low=low,
-            high=high,
-            median_std=self._stds.at([50])[0] if self._stated else None,
-            median_common=self._commons.at([50])[0] if self._common else None,
-            density=self._count / self._size,
-            count=self._count,
-        )
-
-
 _FEW = 100
 """Minimum number of scored pixels of a region for the summary."""
 
@@ -355,9 +255,14 @@ class SummarySentence:
     whole: str = ""
 
     @property
+    def has_figure(self) -> bool:
+        """Whether there is an error."""
+        return self.figure != UNDEFINED
+
+    @property
     def is_measured(self) -> bool:
         """Whether there is an error, and it is smaller than the quantity."""
-        return self.figure != UNDEFINED and (self.relative is None or self.relative < 1)
+        return self.has_figure and (self.relative is None or self.relative < 1)
 
     @property
     def where(self) -> str:
@@ -421,7 +326,8 @@ def state_result(sentences: Sequence[SummarySentence], method: str, interior: fl
     'Growth is not measurable here: the error is 47 times the true value.'
     """
     found = [one for one in sentences if one.is_measured]
-    lost = [one for one in sentences if one.figure != UNDEFINED and not one.is_measured]
+    lost = [one for one in sentences if one.has_figure and not one.is_measured]
+    none = [one for one in sentences if not one.has_figure]
     texts = []
     if found:
         subject, verb = (f"The method {method}", "measures") if method else ("The estimate", "gives")
@@ -429,13 +335,18 @@ def state_result(sentences: Sequence[SummarySentence], method: str, interior: fl
         share = "" if interior is None else f", {format_percent_value(interior)} % of the surface"
         whole = [f"{one.whole} {one.units}" for one in found if one.whole]
         over_all = f"; over all valid pixels: {_join(whole)}" if whole else ""
-        texts.append(f"{subject} {verb} {listed} (RMSE in the interior{share}{over_all}), relative to the exact truth.")
+        region = f"RMSE in the interior{share}{over_all}"
+        if interior == 1 and all(one.whole in ("", one.figure) for one in found):
+            region = "RMSE over all valid pixels"
+        texts.append(f"{subject} {verb} {listed} ({region}), relative to the exact truth.")
     if lost:
         names = _join(_lower(one.title) for one in lost)
         factors = _join(format_two_digits(one.relative or 0.0) for one in lost)
         verb, errors, values = ("are", "errors are", "values") if len(lost) > 1 else ("is", "error is", "value")
         text = f"{names[0].upper()}{names[1:]} {verb} not measurable here"
         texts.append(f"{text}: the {errors} {factors} times the true {values}.")
+    if texts:
+        texts += [f"{one.title} is not scored: {one.rest}" for one in none]
     return " ".join(texts)
 
 
@@ -460,13 +371,13 @@ def summarise_estimate(summaries: Mapping[str, MapSummary]) -> list[SummarySente
         if entries.median_std is not None:
             bar = f", with a median stated standard deviation of {format_number(entries.median_std, 2)} {entries.units}"
         if entries.median_common is not None:
-            bar += f" ({format_number(entries.median_common, 2)} of it common to all pixels)"
+            bar += f" (common to all pixels: {format_number(entries.median_common, 2)} {entries.units})"
         rest = (
-            f"is the median{bar}; 90 % of the values lie between {format_measured(entries.low, entries.median_std)} "
-            f"and {format_measured(entries.high, entries.median_std)} {entries.units}. "
+            f"is the median{bar}; 90 % of the values lie between {format_value(entries.low, entries.median_std)} "
+            f"and {format_value(entries.high, entries.median_std)} {entries.units}. "
             f"The density is {format_percent_value(entries.density)} % of all pixels."
         )
-        middle = format_measured(entries.median, entries.median_std)
+        middle = format_value(entries.median, entries.median_std)
         found.append(SummarySentence(entries.title, middle, entries.units, rest))
     return found
 
@@ -494,17 +405,6 @@ def describe_noise(summaries: Mapping[str, MapSummary]) -> dict[str, Any]:
 
 def _hidden_by_noise(titles: Sequence[str]) -> str:
     return f"The medians of {_join(titles)} are" if len(titles) > 1 else f"The median of {titles[0]} is"
-
-
-def main_summaries(summaries: Mapping[str, MapSummary]) -> list[MapSummary]:
-    """Return depth, motion and growth, as available; growth with its standard deviation only."""
-    found = []
-    for names in (("depth", "disparity"), ("velocity_z", "flow_x"), ("growth_rate",)):
-        name = next((name for name in names if name in summaries and summaries[name].count), None)
-        # Growth is a small difference of large numbers: without a standard deviation, it may be noise.
-        if name is not None and (name != "growth_rate" or summaries[name].median_std is not None):
-            found.append(summaries[name])
-    return found
 
 
 _MOST_SPREADS = 10
@@ -553,6 +453,11 @@ def _motion_sentence(score: Score, viewer: Viewer) -> Iterator[SummarySentence]:
 
 def _growth_sentence(score: Score, viewer: Viewer) -> Iterator[SummarySentence]:
     if not score.grows:
+        return
+    rates = [score.regions["interior"].get(name, {}) for name in ("growth_rate", "growth_rate_windowed")]
+    if not any(is_growth(values.get("relative_rmse")) or values.get("rmse") == 0 for values in rates):
+        # The error of surfaces that do not grow is not that of those that do.
+        yield SummarySentence("Growth", UNDEFINED, "", "no surface that grows is scored in the interior.")
         return
     for name, title in (("growth_rate", "Growth"), ("growth_rate_windowed", "Growth")):
         # Attenuation by windows is not an error of the estimate; the position is that of the layer in the viewer.
@@ -604,10 +509,14 @@ def _sentence(
 
 
 def _tail(signal: str, rms: float | None, whole: float | None, units: str, worst: str) -> str:
-    text = "RMSE in the interior" + (f", {signal}" if signal else "") + "."
-    if rms is not None and whole is not None:
-        smaller = " (less than in the interior: edges do not dominate this error)" if whole < rms else ""
-        text += f" Over all valid pixels: {format_number(whole)} {units}{smaller}."
+    over_all = "" if whole is None else f"ver all valid pixels: {format_number(whole)} {units}"
+    if rms is None:
+        text = f"no pixel of the interior has a valid value{over_all and '; o'}{over_all}{over_all and ' RMSE'}."
+    else:
+        text = "RMSE in the interior" + (f", {signal}" if signal else "") + "."
+        if whole is not None:
+            smaller = " (less than in the interior: edges do not dominate this error)" if whole < rms else ""
+            text += f" O{over_all}{smaller}."
     return f"{text} Region with the largest RMSE: {worst}." if worst else text
 
 

@@ -20,7 +20,6 @@ from scenetruth.html import template_environment
 from scenetruth.number_format import (
     flatten,
     format_count,
-    format_measured,
     format_number,
     format_percent_value,
     humanise,
@@ -30,12 +29,13 @@ from scenetruth.progress import Progress
 from scenetruth.results import Result
 from scenetruth.schema import check_same_run, read_intrinsics, read_object_names, read_scene
 from scenetruth.scoring.figures import FigureInfo, plot_all
+from scenetruth.scoring.report.map_summaries import describe_maps, format_value
 from scenetruth.scoring.report.report_content import (
     build_score_content,
     describe_invalidity,
-    describe_maps,
     describe_noise,
     interior_share,
+    list_empty_objects,
     state_result,
     summarise_estimate,
     summarise_score,
@@ -236,7 +236,7 @@ def _render(
     environment = template_environment("scenetruth.scoring.report")
     environment.filters |= {
         "number": format_number,
-        "measured": format_measured,
+        "measured": format_value,
         "percent": format_percent_value,
         "count": format_count,
     }
@@ -248,7 +248,7 @@ def _render(
     else:
         content = _content_with_truth(score, viewer, method)
         names = [] if truth is None or "object_id" not in truth else read_object_names(truth)
-        content["empty_objects"] = [f"“{name}”" for name in names if f"object_{name}" not in score.regions]
+        content["empty_objects"] = [f"“{name}”" for name in list_empty_objects(names, score.regions)]
         content["invalid"] = "" if truth is None else describe_invalidity(estimate, truth)
     template = "without_truth.html.j2" if score is None else "with_truth.html.j2"
     page = environment.get_template(template).render(

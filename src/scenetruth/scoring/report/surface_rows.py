@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scenetruth.number_format import format_measured, format_with_std
 from scenetruth.schema import read_intrinsics
 from scenetruth.scoring.error_pairs import find_valid_pixels
-from scenetruth.scoring.report.report_content import MapSummary, describe_parts, main_summaries
+from scenetruth.scoring.report.map_summaries import MapSummary, describe_parts, main_summaries
 from scenetruth.scoring.surface_labels import fill_std, label_surfaces
 
 __all__ = ["SurfaceTable", "describe_surfaces"]
