@@ -22,8 +22,9 @@ from benchmarks.results.cost import cost_of
 from benchmarks.results.data import COLUMNS, MethodData, spelled, table_of, write_csv, write_method_data
 from benchmarks.results.four_images import four_images_table, measure_four_images
 from benchmarks.results.jobs import Job, list_jobs, measure_jobs, processor_name, stored_cost, stored_rows
-from benchmarks.results.pages import FOUR_IMAGES, write_pages
-from scenetruth.errors import ScenetruthError
+from benchmarks.results.pages import FOUR_IMAGES, PAGES, write_pages
+from scenetruth.benchmark.cases import all_cases
+from scenetruth.errors import ArgumentError, Problem, ScenetruthError
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -45,16 +46,42 @@ def main(arguments: Sequence[str] | None = None) -> None:
     warnings.simplefilter("ignore")
     started = time.perf_counter()
     try:
+        check(given)
         if given.case:
             print(trial(given))
             return
         if not given.pages:
             measure_all(given)
-    except ScenetruthError as error:
+        written = write_pages(given.docs)
+    except (ScenetruthError, OSError) as error:
         raise SystemExit(str(error)) from None
-    for file in write_pages(given.docs):
+    for file in written:
         print(f"wrote {file}")
     print(f"{time.perf_counter() - started:.0f} s")
+
+
+def check(given: argparse.Namespace) -> None:
+    """Raise an error with every wrong argument, before environments are made and anything is measured."""
+    cases, keys = all_cases(), [one.key for one in CONTESTANTS]
+    problems = [
+        Problem("--case", f"must be one of {', '.join(cases)}", name) for name in given.case or () if name not in cases
+    ]
+    if given.level and not given.case:
+        problems.append(Problem("--level", "needs --case: all levels of the suite are measured otherwise", given.level))
+    for name in given.method or ():
+        if given.add:
+            problems.append(Problem("--method", "must not be given with --add, which measures one method", name))
+        elif name not in keys:
+            problems.append(Problem("--method", f"must be one of {', '.join(keys)}", name))
+    absent = [name for name in PAGES if not given.case and not (given.docs / name).is_file()]
+    if absent:
+        remedy = "call the command in a checkout of the project, or give its docs/results"
+        problems.append(Problem("--docs", f"has no {', '.join(absent)}; {remedy}", str(given.docs)))
+    if problems:
+        raise ArgumentError(problems)
+    for name in given.case or ():
+        for level in given.level or ():
+            cases[name].parse_level(level)
 
 
 def chosen_by(given: argparse.Namespace) -> Sequence[Contestant]:

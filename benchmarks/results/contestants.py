@@ -12,6 +12,7 @@ from typing import Any
 from benchmarks.peers import few_images
 from benchmarks.peers.catalogue import PEERS, requirements_of
 from scenetruth.benchmark.benchmark_report import describe_method
+from scenetruth.errors import ArgumentError, Problem
 from scenetruth.estimators import MethodSpec
 from scenetruth.estimators.external import CommandMethod
 from scenetruth.estimators.method_specs import parse_method
@@ -191,8 +192,12 @@ def submitted(spelled: str, link: str = "", version: str = "") -> Contestant:
         label, method, settings = spec.label, spec.method, dict(spec.settings)
         how = f"`{spec.spelled.removeprefix(f'{label}=')}`"
     label = label.strip()
+    key = re.sub(r"\W+", "_", label)
+    if any(key == one.key or label == one.title for one in CONTESTANTS):
+        taken = ", ".join(one.key for one in CONTESTANTS)
+        raise ArgumentError([Problem("--add", f"must have a label of its own, LABEL=METHOD, none of {taken}", label)])
     return Contestant(
-        *(re.sub(r"\W+", "_", label), label, SUBMITTED, "all", method, settings),
+        *(key, label, SUBMITTED, "all", method, settings),
         how=how,
         link=link,
         spelled=spelled,

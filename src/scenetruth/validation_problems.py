@@ -54,6 +54,7 @@ def list_problems(
         keys = map(str, loc) if plain is None else keys_in(plain, loc, entry["type"], model)
         path = ".".join(filter(None, (under, *keys)))
         message = (words(entry, path) if words else None) or _message(entry, path, model)
+        message = message.removeprefix(_PREFIX)
         hidden = entry["type"] == "missing" or not path or value in ((), []) or isinstance(value, BaseModel)
         problem = Problem(path, _lower(message), None if hidden else value)
         found.setdefault((path, problem.message), (entry["type"], problem))
@@ -63,6 +64,10 @@ def list_problems(
     if len(entries) > _MOST_PROBLEMS:
         problems.append(Problem("", f"{len(entries) - _MOST_PROBLEMS:,} more problems are omitted; fix these first"))
     return problems
+
+
+_PREFIX = "Value error, "
+"""Begins the messages of validators of the models."""
 
 
 def keys_in(plain: Any, loc: Sequence[str | int], kind: str = "", model: type[BaseModel] | None = None) -> list[str]:
@@ -102,7 +107,7 @@ def _lower(message: str) -> str:
 
 def _message(entry: ErrorDetails, path: str, model: type[BaseModel] | None) -> str:
     """Return the message of an entry in the words of all formats."""
-    message, value = entry["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, "), entry.get("input")
+    message, value = entry["msg"].removeprefix(_PREFIX).removeprefix("Assertion failed, "), entry.get("input")
     match entry["type"]:
         case "missing":
             return "is missing"

@@ -295,12 +295,37 @@ def test_stored_results_become_data_without_a_measurement(
     for name in ("measure_jobs", "cost_of", "make_environment", "measure_four_images"):
         monkeypatch.setattr(command, name, refuse)
     monkeypatch.setattr(command, "write_pages", lambda docs: [docs / "index.md"])
+    (tmp_path / "docs").mkdir()
+    for page in PAGES:
+        (tmp_path / "docs" / page).touch()
     command.main(["--stored", "--folder", str(tmp_path / "out"), "--docs", str(tmp_path / "docs")])
     found = read_methods_data(tmp_path / "docs" / "data" / "methods")
     assert [one.key for one in found] == [one.key for one in CONTESTANTS]
     assert all(one.missing == tuple(job.name for job in jobs) and not one.cost for one in found)
     assert (tmp_path / "docs" / "data" / "four_images.csv").read_text().startswith("job,method,")
     assert "index.md" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "problems"),
+    [
+        ("--case moon --level 1", ["--case: must be one of", "'moon'"]),
+        ("--case phase_of_flow --level half", ["must be a number", "'half'"]),
+        ("--level 0.25", ["--level: needs --case"]),
+        ("--method moon", ["--method: must be one of refined,", "'moon'"]),
+        ("--add mine=refined --method mine", ["--method: must not be given with --add"]),
+        ("--add sun_dic=refined --case star", ["--add: must have a label of its own", "'sun_dic'"]),
+        ("--docs /nowhere --pages", ["--docs: has no index.md", "'/nowhere'", "checkout"]),
+    ],
+)
+def test_wrong_arguments_are_rejected_before_anything_is_measured(
+    words: str, problems: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("measure_jobs", "make_environment", "write_pages"):
+        monkeypatch.delattr(command, name)
+    with pytest.raises(SystemExit) as caught:
+        command.main(words.split())
+    assert all(problem in str(caught.value) for problem in problems), caught.value
 
 
 @nightly

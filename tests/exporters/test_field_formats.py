@@ -73,6 +73,25 @@ def test_paraview_has_the_files_with_their_times(tmp_path: Path) -> None:
     assert all((folder / each.attrib["file"]).is_file() for each in listed)
 
 
+def test_frames_without_points_have_no_file_and_lone_points_are_vertices(tmp_path: Path) -> None:
+    recording = st.make_recording(np.zeros((2, 3, 9, 12)), focal_length_px=80, baseline_mm=4)
+    depth = np.full((3, 9, 12), np.nan)
+    depth[1, 3, 5] = 100.0
+    estimate = st.make_estimate(
+        recording=recording, depth=depth, velocity=0 * np.stack([depth] * 3), t=recording["t"].values
+    )
+    done = st.export((recording, estimate), "vtu", output=tmp_path / "vtu", window=3, step=2)
+    assert done.files == ("s+0_t+0.vtu", "surface.pvd")
+    listed = ET.parse(done.folder / "surface.pvd").getroot().findall("Collection/DataSet")
+    assert [each.attrib["file"] for each in listed] == ["s+0_t+0.vtu"]
+    mesh = read_mesh(done.folder / "s+0_t+0.vtu")
+    np.testing.assert_array_equal(mesh.points[:, 2], [100.0])
+    assert [(cells.type, cells.data.tolist()) for cells in mesh.cells] == [("vertex", [[0]])]
+    assert np.isnan(mesh.point_data["exx [1]"]).all()
+    assert "no strain: " in done.notes[1]
+    assert done.notes[-1].startswith("no files for the frames [-1, 1]: ")
+
+
 def test_cells_are_whole_squares_of_one_object(export: Export, truth: xr.Dataset) -> None:
     mesh = read_mesh(export("vtu", **GAUGE).folder / "s+0_t+0.vtu")
     (cells,) = mesh.cells
@@ -110,6 +129,8 @@ def test_hdf5_describes_itself(export: Export, truth: xr.Dataset) -> None:
         assert maps.attrs["focal_length_px"] == 80
         strain = st.compute_strain(truth, settings=GAUGE)
         np.testing.assert_array_equal(file["strain"]["exx"][()], strain["exx"].values)
+        # Components first, as in the other groups.
+        np.testing.assert_array_equal(file["strain"]["point"][()], strain["point"].values)
         assert file["strain"].attrs["gauge_length_px"] == strain.attrs["gauge_length_px"]
         assert file["strain"]["angle"].attrs["units"] == "rad"
         # Times and frames are those of the maps, not of the first frame.

@@ -32,6 +32,19 @@ def test_an_empty_folder_has_no_estimates(tmp_path: Path) -> None:
         st.RunDirectory(tmp_path).estimated()
 
 
+def test_stores_that_are_missing_are_named_with_those_of_the_run(finished: Path, tmp_path: Path) -> None:
+    with pytest.raises(st.StoreError, match=r"none: no such directory; give the directory of a run"):
+        st.RunDirectory(tmp_path / "none").check_recording()
+    with pytest.raises(st.StoreError, match=r"recording\.zarr: no such store; give the directory of a run"):
+        st.RunDirectory(tmp_path).check_recording()
+    with pytest.raises(st.StoreError, match=r"estimate\.moon\.zarr: no such store: the run has no estimate"):
+        st.RunDirectory(tmp_path).check_estimate("moon")
+    run = st.RunDirectory(finished)
+    assert run.check_recording() == run.recording
+    with pytest.raises(st.StoreError, match=f"the run has estimates of {', '.join(run.estimated())}; compute one"):
+        run.check_estimate("moon")
+
+
 def test_only_our_own_files_of_a_run_are_claimed(finished: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(finished, run)

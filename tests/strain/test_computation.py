@@ -20,6 +20,7 @@ from scenetruth.capture import RigCalibration, add_calibration_errors
 from scenetruth.schema import check_dataset, label
 from scenetruth.scoring import compute_growth_rate
 from scenetruth.settings import ScoreSettings
+from scenetruth.strain import StrainSettings, describe_missing_strain
 from tests.helpers.deformed_planes import CAMERA, SHAPE, estimate_of, expected_strain, plane_points, tangent_axes
 from tests.helpers.nightly import by_night
 
@@ -291,6 +292,24 @@ def test_windows_end_at_depth_steps_and_invalid_pixels_have_reasons() -> None:
     assert ((reason == 0) == strain["valid"].values[0]).all()
 
 
+def test_points_without_a_depth_have_no_strain() -> None:
+    points = plane_points(0.0)
+    for depth in (0 * points[2], -points[2]):
+        strain = st.compute_strain(estimate_of(depth, 0 * points))
+        assert (strain["invalid_reason"] == 1).all()
+
+
+def test_missing_strain_is_explained() -> None:
+    settings = StrainSettings(window=21, step=4)
+    assert describe_missing_strain(np.array([1, 0, 2]), settings) == ""
+    assert "2 of 2 points have no valid depth and motion; `invalid_reason`" in describe_missing_strain(
+        np.array([1, 1]), settings
+    )
+    words = describe_missing_strain(np.array([1, 2, 2]), settings)
+    assert "1 of 3 points have no valid depth and motion, 2 have too few valid points" in words
+    assert "window of 21 points every 4 pixels, 81 pixels wide; reduce" in words
+
+
 def test_given_displacements_replace_the_velocity() -> None:
     points = plane_points(20.0)
     gradient = np.array([[0.1, 0.05, 0], [0, -0.2, 0.02], [0.1, 0, 0]])
@@ -323,6 +342,11 @@ def test_all_problems_are_reported_together() -> None:
         st.compute_strain(estimate, displacement=np.zeros((3, 2, 2)))
     with pytest.raises(st.ScoreError, match="must not be given for the rate"):
         st.compute_strain(estimate, displacement=0 * points, settings={"measure": "rate"})
+    for wrong in ("much", 1j * points):
+        with pytest.raises(st.ScoreError, match="displacement: must be an array of real numbers"):
+            st.compute_strain(estimate, displacement=wrong)
+    with pytest.raises(st.ScoreError, match=r"displacement_std: must not be negative \(got -2\.0\)"):
+        st.compute_strain(estimate, displacement=0 * points, displacement_std=0 * points - 2)
     disparity = label("estimate", {"disparity": np.ones((1, *SHAPE))}, CAMERA, t=[0])
     with pytest.raises(st.ScoreError) as caught:
         st.compute_strain(disparity)

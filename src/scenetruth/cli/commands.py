@@ -515,8 +515,9 @@ def strain(
     as_json: options.Json = False,
 ) -> None:
     """Compute the strain of an estimate with its gauge, its score and the fields of a report."""
+    from scenetruth.cli.console import print_warning
     from scenetruth.pipeline import run_strain
-    from scenetruth.strain import StrainSettings, strain_settings
+    from scenetruth.strain import StrainSettings, describe_missing_strain, strain_settings
 
     wanted = {"measure": measure.value, "window": window, "step": step, "order": order, "weights": weights.value}
     settings: StrainSettings = strain_settings({**wanted, "subset_px": subset_px})
@@ -533,7 +534,10 @@ def strain(
     )
     open_subset = "" if "subset_px" in attrs else " without the subset, which the estimate does not state (--subset-px)"
     echo(f"{done.method or 'truth'}: virtual strain gauge {length}{open_subset}")
-    if done.score is not None:
+    missing = describe_missing_strain(done.strain["invalid_reason"].values, settings)
+    if missing:
+        print_warning(missing)
+    elif done.score is not None:
         echo(done.score.summary())
     echo(done.practice.summary().splitlines()[0])
     print_wrote(output)

@@ -16,7 +16,7 @@ from scenetruth.errors import Problem
 from scenetruth.exporters.export_source import ExportSource
 from scenetruth.exporters.format_base import ExportFormat
 from scenetruth.exporters.image_files import image_name
-from scenetruth.exporters.surface_points import STRAINS, PointOptions, SurfaceFrame
+from scenetruth.exporters.surface_points import STRAINS, PointOptions, PointTotals, SurfaceFrame
 from scenetruth.schema import read_intrinsics
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class Vtu(PointOptions):
     (``exx_std [1]``, ``displacement_std [mm]``), ``depth_std [mm]``, ``growth_rate [1/frame]``. Strain is NaN where too
     few neighbours are valid. ``surface.pvd`` lists the files with their times in seconds: ParaView opens it as a series
     in time. No quadrilateral connects surfaces at a depth step of more than 80°, or two objects of a truth. Numbers are
-    float64. Lost: images, other cameras.
+    float64. A frame without a point has no file. Lost: images, other cameras.
     """
 
     kind: Literal["vtu"] = "vtu"
@@ -49,8 +49,11 @@ class Vtu(PointOptions):
         """Write one file for every frame."""
         import meshio
 
-        count, gauge = 0, 0.0
+        totals, settings, written = PointTotals(), self.strain_settings(), []
         for t, frame in self.frames(source):
+            totals.add(frame, settings)
+            if not frame.known.any():
+                continue
             data = {"displacement [mm]": frame.moved[:, frame.known].T}
             moved_std = frame.moved_std()
             if moved_std is not None:
@@ -68,21 +71,25 @@ class Vtu(PointOptions):
             }
             cells = _quadrilaterals(frame, source)
             points = np.ascontiguousarray(frame.points[:, frame.known].T)
+            # Surfaces without a quadrilateral are points: meshio cannot read files without cells.
+            blocks = [("quad", cells)] if len(cells) else [("vertex", np.arange(len(points))[:, None])]
             mesh = meshio.Mesh(
-                points, [("quad", cells)], point_data={name: np.ascontiguousarray(each) for name, each in data.items()}
+                points, blocks, point_data={name: np.ascontiguousarray(each) for name, each in data.items()}
             )
             mesh.write(folder / f"{image_name(0, t)}.vtu", file_format="vtu")
-            count, gauge = count + len(points), float(frame.maps.attrs["gauge_length_px"])
-        _write_series(source, folder)
-        return self.notes(source, gauge, count)
+            written.append(t)
+        _write_series(source, written, folder)
+        empty = [t for t in source.frames if t not in written]
+        none = [f"no files for the frames {empty}: none of their pixels has valid depth and motion"] if empty else []
+        return [*self.notes(source, totals), *none]
 
 
-def _write_series(source: ExportSource, folder: Path) -> None:
-    """Write the list of the files of all frames with their times, in ParaView's format."""
+def _write_series(source: ExportSource, frames: list[int], folder: Path) -> None:
+    """Write the list of the files of frames with their times, in ParaView's format."""
     interval = float(source.recording.attrs["frame_interval_s"])
     root = ElementTree.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
     files = ElementTree.SubElement(root, "Collection")
-    for t in source.frames:
+    for t in frames:
         ElementTree.SubElement(files, "DataSet", timestep=repr(t * interval), part="0", file=f"{image_name(0, t)}.vtu")
     ElementTree.indent(root)
     ElementTree.ElementTree(root).write(folder / "surface.pvd", encoding="utf-8", xml_declaration=True)
@@ -138,15 +145,21 @@ class Hdf5(PointOptions):
         """Write the file."""
         import h5py
 
+        totals, settings = PointTotals(), self.strain_settings()
         moving = "depth" in source.maps and {"velocity", "displacement_next"} & set(source.maps)
         with h5py.File(folder / "maps.h5", "w") as file:
             _write_group(file.create_group("truth" if source.is_truth else "estimate"), source.maps)
             if moving:
-                frames = [frame.maps.expand_dims("t") for _, frame in self.frames(source)]
+                frames = []
+                for _, frame in self.frames(source):
+                    totals.add(frame, settings)
+                    frames.append(frame.maps.expand_dims("t"))
                 _write_group(file.create_group("strain"), _joined(frames))
             if self.images:
                 _write_group(file.create_group("recording"), source.recording)
-        return [] if moving else ["no strain: it needs depth and motion"]
+        if not moving:
+            return ["no strain: it needs depth and motion"]
+        return [f"strain gauge {totals.gauge_px:.3g} px" if totals.strained else totals.missing]
 
 
 def _joined(frames: list[xr.Dataset]) -> xr.Dataset:
@@ -159,7 +172,8 @@ def _joined(frames: list[xr.Dataset]) -> xr.Dataset:
         stated = [frame.attrs[name] for frame in frames if name in frame.attrs]
         if stated:
             found.attrs[name] = float(np.median(stated))
-    return found
+    # The order of the axes of the data model: components first.
+    return found.transpose("component", "t", "y", "x")
 
 
 def _write_group(group: h5py.Group, dataset: xr.Dataset) -> None:

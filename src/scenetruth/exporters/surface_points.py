@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import xarray as xr
@@ -18,7 +19,10 @@ from scenetruth.exporters.export_source import ExportSource
 from scenetruth.exporters.format_base import ExportFormat
 from scenetruth.exporters.image_files import image_name
 
-__all__ = ["STRAINS", "PointOptions", "PointTable", "SurfaceFrame"]
+if TYPE_CHECKING:
+    from scenetruth.strain import StrainSettings
+
+__all__ = ["STRAINS", "PointOptions", "PointTable", "PointTotals", "SurfaceFrame"]
 
 Array = NDArray[np.float64]
 
@@ -102,6 +106,29 @@ class SurfaceFrame:
         return values if values.ndim == 3 else np.stack([values, values])
 
 
+@dataclass
+class PointTotals:
+    """What the notes of an export state.
+
+    ``points``: Number of written points. ``gauge_px``: Length of the strain gauge. ``missing``: Why no point of a frame
+    has strain. ``strained``: Whether a point has strain.
+    """
+
+    points: int = 0
+    gauge_px: float = 0.0
+    missing: str = ""
+    strained: bool = False
+
+    def add(self, frame: SurfaceFrame, settings: StrainSettings) -> None:
+        """Add a frame."""
+        from scenetruth.strain import describe_missing_strain
+
+        self.points += int(frame.known.sum())
+        self.gauge_px = float(frame.maps.attrs["gauge_length_px"])
+        missing = describe_missing_strain(frame.maps["invalid_reason"].values, settings)
+        self.missing, self.strained = self.missing or missing, self.strained or not missing
+
+
 class PointOptions(ExportFormat):
     """Options of formats with strain: its gauge, and the axes."""
 
@@ -144,12 +171,18 @@ class PointOptions(ExportFormat):
         elif self.since is not None and len(source.frames) < 2:
             yield Problem("since", "needs two or more frames with maps; estimate further frames", self.since)
 
-    def frames(self, source: ExportSource) -> Iterator[tuple[int, SurfaceFrame]]:
-        """Yield all frames of the reference camera with their points."""
-        from scenetruth.strain import StrainSettings, compute_strain
+    def strain_settings(self) -> StrainSettings:
+        """Return the settings of the strain."""
+        from scenetruth.strain import StrainSettings
 
         names = ("measure", "window", "step", "order", "weights")
-        settings = StrainSettings(**{name: getattr(self, name) for name in names})
+        return StrainSettings(**{name: getattr(self, name) for name in names})
+
+    def frames(self, source: ExportSource) -> Iterator[tuple[int, SurfaceFrame]]:
+        """Yield all frames of the reference camera with their points."""
+        from scenetruth.strain import compute_strain
+
+        settings = self.strain_settings()
         y_up = self.axes == "y_up"
         if self.since is None:
             for t in source.frames:
@@ -160,7 +193,7 @@ class PointOptions(ExportFormat):
         for n, t in enumerate(source.frames):
             yield t, SurfaceFrame(source, self.since, strain.isel(t=n), y_up=y_up, later=t)
 
-    def notes(self, source: ExportSource, gauge_px: float, count: int) -> list[str]:
+    def notes(self, source: ExportSource, totals: PointTotals) -> list[str]:
         """Return the notes of an export."""
         if self.since is not None:
             motion = f"from frame {self.since} to frame t, integrated from velocities"
@@ -169,7 +202,10 @@ class PointOptions(ExportFormat):
         else:
             motion = "the velocity at frame t over one frame, not a finite displacement"
         axes = "X right, Y down, Z forward" if self.axes == "camera" else "X right, Y up, Z towards the camera"
-        found = [f"{count} points; U, V, W: {motion}; strain gauge {gauge_px:.3g} px; axes: {axes}"]
+        gauge = f"strain gauge {totals.gauge_px:.3g} px"
+        found = [f"{totals.points} points; U, V, W: {motion}; {gauge}; axes: {axes}"]
+        if not totals.strained:
+            found.append(totals.missing)
         if self.since is None and len(source.frames) > 1:
             found.append("displacements from one frame of reference, as programs for image correlation state: since=T")
         return found if len(source.views) == 1 else [*found, "only the points of the reference camera (s = 0)"]
@@ -192,11 +228,11 @@ class PointTable(PointOptions):
         """Write one file for every frame."""
         import pandas as pd
 
-        count, gauge = 0, 0.0
+        totals, settings = PointTotals(), self.strain_settings()
         for t, frame in self.frames(source):
+            totals.add(frame, settings)
             lines = np.ones_like(frame.known) if self.every_point else frame.known
             table = pd.DataFrame({name: values[lines] for name, values in self.columns(frame, source).items()})
-            count, gauge = count + int(frame.known.sum()), float(frame.maps.attrs["gauge_length_px"])
             file = folder / f"{image_name(0, t)}.{self.ending}"
             table.to_csv(file, index=False, lineterminator="\n", na_rep=self.missing)
-        return self.notes(source, gauge, count)
+        return self.notes(source, totals)

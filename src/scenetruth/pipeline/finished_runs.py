@@ -124,7 +124,7 @@ def export_run(
     # Errors of the call are reported before stores are opened.
     choose_format(format, options)
     run = RunDirectory(folder)
-    recording = open_store(run.recording, kind="recording")
+    recording = open_store(run.check_recording(), kind="recording")
     maps = _open_maps(run, method)
     if row is not None:
         maps = _row_of_maps(recording, maps, row, "truth" if method is None else "estimate")
@@ -134,7 +134,7 @@ def export_run(
 
 def _open_maps(run: RunDirectory, method: str | None) -> xr.Dataset:
     if method is not None:
-        return open_store(run.paths(method).estimate, kind="estimate")
+        return open_store(run.check_estimate(method), kind="estimate")
     if not run.truth.exists():
         remedy = "select an estimate with --method NAME (method='NAME')"
         raise StoreError(run.truth, f"no such store: the run has no truth; {remedy}")
@@ -190,7 +190,7 @@ def run_strain(
     claim = claim_folder(*STRAIN_FILES)
     check_output(output, overwrite=overwrite, claim=claim)
     run = RunDirectory(folder)
-    recording = open_store(run.recording, kind="recording")
+    recording = open_store(run.check_recording(), kind="recording")
     if method is None and run.stores("estimate*"):
         method = run.estimated()[0]
     truth = load_store(run.truth, kind="truth") if run.truth.exists() else None
@@ -200,7 +200,7 @@ def run_strain(
             raise StoreError(run.truth, "no such store, and the run has no estimate; run `scenetruth estimate`")
         maps = truth
     else:
-        maps = load_store(run.paths(method).estimate, kind="estimate")
+        maps = load_store(run.check_estimate(method), kind="estimate")
         if truth is not None:
             scene = load_scene(run.scene) if run.scene.exists() else None
             score = score_strain(maps, truth, scene, settings=settings, since=since, allow_mismatch=allow_mismatch)

@@ -147,6 +147,24 @@ class RunDirectory:
             )
         return sorted(set(methods), key=lambda name: (name != self.own_method, name))
 
+    def check_recording(self) -> Path:
+        """Return the path of the recording; a StoreError says what is missing."""
+        if not self.path.is_dir():
+            raise StoreError(self.path, "no such directory; give the directory of a run (`scenetruth run`)")
+        if not self.recording.exists():
+            remedy = "give the directory of a run (`scenetruth run`), which contains it"
+            raise StoreError(self.recording, f"no such store; {remedy}")
+        return self.recording
+
+    def check_estimate(self, method: str) -> Path:
+        """Return the path of the estimate of a method; a StoreError lists the estimates of the run."""
+        estimate = self.paths(method).estimate
+        if not estimate.exists():
+            found = self.estimated() if self.stores("estimate*") else []
+            listed = f"the run has estimates of {', '.join(found)}" if found else "the run has no estimate"
+            raise StoreError(estimate, f"no such store: {listed}; compute one with `scenetruth estimate`")
+        return estimate
+
     def stores(self, pattern: str) -> list[Path]:
         """Return the stores with matching names, zip files or directories."""
         return [path for zipped in (False, True) for path in self.path.glob(store_name(pattern, zipped=zipped))]

@@ -122,7 +122,7 @@ class PipelineRunner:
     @cached_property
     def recording(self) -> xr.Dataset:
         """The recording."""
-        return open_store(self.folder.recording, kind="recording")
+        return open_store(self.folder.check_recording(), kind="recording")
 
     @cached_property
     def truth(self) -> xr.Dataset | None:
@@ -345,7 +345,7 @@ class PipelineRunner:
 
     def _load_estimate(self, method: str) -> xr.Dataset:
         if method not in self._estimates:
-            self._estimates[method] = open_store(self.folder.paths(method).estimate, kind="estimate")
+            self._estimates[method] = open_store(self.folder.check_estimate(method), kind="estimate")
         return self._estimates[method]
 
     def _load_score(self, method: str) -> Score:

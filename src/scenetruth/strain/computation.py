@@ -34,7 +34,14 @@ from scenetruth.strain.strain_tensors import (
 from scenetruth.strain.tracking import track_displacements
 from scenetruth.strain.window_fit import FitWindow, fit_derivatives
 
-__all__ = ["STRAIN_NONE", "STRAIN_NO_ESTIMATE", "STRAIN_WINDOW", "compute_strain", "reference_view"]
+__all__ = [
+    "STRAIN_NONE",
+    "STRAIN_NO_ESTIMATE",
+    "STRAIN_WINDOW",
+    "compute_strain",
+    "describe_missing_strain",
+    "reference_view",
+]
 
 Map = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -160,6 +167,21 @@ def compute_strain(
     return found
 
 
+def describe_missing_strain(reasons: NDArray[np.integer[Any]], settings: StrainSettings) -> str:
+    """Return why no point has strain, with a remedy, from ``invalid_reason``; empty if a point has strain."""
+    if (reasons == STRAIN_NONE).any():
+        return ""
+    without = int((reasons == STRAIN_NO_ESTIMATE).sum())
+    found = f"no strain: {without} of {reasons.size} points have no valid depth and motion"
+    if without == reasons.size:
+        return f"{found}; `invalid_reason` of the estimate states the reasons"
+    width = (settings.window - 1) * settings.step + 1
+    return (
+        f"{found}, {reasons.size - without} have too few valid points in their window of {settings.window} points "
+        f"every {settings.step} pixels, {width} pixels wide; reduce `window` or `step`"
+    )
+
+
 _STEADY = "velocity over one frame, with a steady velocity gradient"
 
 
@@ -220,6 +242,8 @@ class _Motion:
         if displacement is not None:
             values = _shaped("displacement", displacement, shape)
             std = None if displacement_std is None else _shaped("displacement_std", displacement_std, shape)
+            if std is not None and (std < 0).any():
+                raise ScoreError([Problem("displacement_std", "must not be negative", float(np.nanmin(std)))])
             return cls(values, None if std is None else std**2, "given", is_given=True)
         if since is not None:
             tracked = track_displacements(view, _index(view, since), math.tan(math.radians(chosen.max_slope_deg)))
@@ -264,7 +288,10 @@ def _index(view: xr.Dataset, t: int) -> int:
 
 def _shaped(name: str, given: ArrayLike | xr.DataArray, shape: tuple[int, ...]) -> Map:
     """Return a given array with the shape (3, t, y, x)."""
-    values = np.asarray(given, dtype=np.float64)
+    array = np.asarray(given)
+    if array.dtype.kind not in "biuf":
+        raise ScoreError([Problem(name, "must be an array of real numbers", str(array.dtype))])
+    values = array.astype(np.float64)
     if values.ndim == 3 and shape[1] == 1:
         values = values[:, None]
     if values.shape != shape:
@@ -304,7 +331,7 @@ class _Frame:
         full = maps.expand_dims("t")
         valid = find_valid_pixels(full, "depth" if motion.is_given else "velocity")[0]
         self._points = camera.points(depth)
-        self._known = valid & np.isfinite(self._points).all(axis=0) & np.isfinite(self._moved).all(axis=0)
+        self._known = valid & (depth > 0) & np.isfinite(self._points).all(axis=0) & np.isfinite(self._moved).all(axis=0)
         joined = np.where(self._known | ("mixed" in maps), depth, np.nan)
         segments = label_depth_segments(
             joined,

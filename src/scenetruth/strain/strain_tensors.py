@@ -122,12 +122,25 @@ class SurfaceStrain:
 
     def sensitivities(self) -> Values:
         """Return the derivatives of the strain by those of the displacements, shape (3, 2, 3, n)."""
+        if self.steady and self.measure != "rate":
+            return self._steady_sensitivities()
         parameters = self.parameters
         ends = self.axes + self.gradient if self.measure in ("green_lagrange", "hencky") else self.axes
         found = np.stack(
             [0.5 * (parameters[:, a, None] * ends[b][None] + parameters[:, b, None] * ends[a][None]) for a, b in _PAIRS]
         )
         return np.einsum("mkn,kicn->micn", self._hencky_slope(), found) if self.measure == "hencky" else found
+
+    def _steady_sensitivities(self) -> Values:
+        """Return the same of steady velocities, whose errors change exp(L), by differences."""
+        before, step = self.values(), _STEP * np.linalg.norm(self.points, axis=1)
+        found = np.empty((3, *self.moved.shape))
+        for i in range(2):
+            for c in range(3):
+                moved = self.moved.copy()
+                moved[i, c] += step[i]
+                found[:, i, c] = (replace(self, moved=moved).values() - before) / step[i]
+        return found
 
     def slope_sensitivities(self, rays: Values) -> Values:
         """Return the derivatives of the strain by those of depth, with points along rays (3, n), shape (3, 2, n)."""
