@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 from itertools import product
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from scenetruth.errors import RecordingError, StoreError
 from scenetruth.lazy_exports import lazy_module
 from scenetruth.schema import FORMAT_VERSION, check_dataset, with_indexes
+from scenetruth.storage.array_layout import ArrayLayout, describe_damage
 from scenetruth.storage.store_files import (
     CHECKSUM_ATTRIBUTE,
     ROOT,
+    StoredFiles,
     check_checksums,
     differs_from_packed,
     is_zip_name,
     open_store_files,
 )
-from scenetruth.storage.zarr_layout import AUXILIARY, chunk_shape, is_mapped, without_warnings
+from scenetruth.storage.zarr_layout import AUXILIARY, chunk_shape, is_mapped
 
 if TYPE_CHECKING:
     import xarray as xr
+    from numpy.typing import NDArray
 else:
     xr = lazy_module("xarray")
 
@@ -115,19 +118,16 @@ def open_store(path: str | Path, *, kind: StoreKind | None = None) -> xr.Dataset
     ...     lazy.image.sel(s=0, t=0).values.shape
     (8, 8)
     """
-    import zarr.storage
-
     path = Path(path)
-    attributes = _attributes(path, kind)
+    files = open_store_files(path)
+    attributes, metadata = _read_metadata(path, files, kind)
     try:
-        with without_warnings():
-            store = zarr.storage.ZipStore(path, mode="r") if is_zip_name(path) else path
-            group = zarr.open_group(store, mode="r", use_consolidated=False)
-            arrays = {name: group[name] for name in _names(path)}
-            variables = {name: _variable(path, name, array) for name, array in arrays.items()}
+        # The checksums apply to this copy of the metadata of the arrays as well.
+        arrays = metadata["consolidated_metadata"]["metadata"]
+        variables = {name: _variable(path, files, name, arrays[name]) for name in sorted(arrays)}
     except StoreError:
         raise
-    except Exception as error:  # zarr raises various exceptions for a damaged store
+    except Exception as error:  # damage causes various exceptions
         raise StoreError(path, f"is damaged ({error}); create it again") from error
     auxiliary = str(attributes.pop(AUXILIARY, "")).split()
     del attributes[CHECKSUM_ATTRIBUTE]
@@ -141,15 +141,16 @@ def open_store(path: str | Path, *, kind: StoreKind | None = None) -> xr.Dataset
     return dataset
 
 
-def _attributes(path: Path, kind: StoreKind | None) -> dict[str, Any]:
-    """Return the attributes of a store after checking its type, format version and checksums."""
+def _read_metadata(path: Path, files: StoredFiles, kind: StoreKind | None) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return attributes and all metadata of a store after checking its type, format version and checksums."""
     import json
 
     if not path.exists():
         raise StoreError(path, "no such store")
     foreign = "was not written by scenetruth"
     try:
-        attributes = dict(json.loads(open_store_files(path).read(ROOT))["attributes"])
+        root = json.loads(files.read(ROOT))
+        attributes = dict(root["attributes"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise StoreError(path, f"{foreign}, or its metadata is damaged ({error})") from error
     found, version = attributes.get("scenetruth"), attributes.get("format")
@@ -164,19 +165,15 @@ def _attributes(path: Path, kind: StoreKind | None) -> dict[str, Any]:
         message = f"has format {version}; this scenetruth version reads format {FORMAT_VERSION}: update scenetruth"
         raise StoreError(path, message)
     try:
-        check_checksums(path, attributes)
+        check_checksums(path, files, attributes)
     except OSError as error:
         raise StoreError(path, f"is damaged: its files cannot be read ({error}); create it again") from error
-    return attributes
+    return attributes, root
 
 
-def _names(path: Path) -> list[str]:
-    found = (PurePosixPath(name) for name in open_store_files(path).sizes())
-    return sorted(name.parts[0] for name in found if len(name.parts) == 2 and name.name == ROOT)
-
-
-def _variable(path: Path, name: str, array: Any) -> xr.Variable:
-    dims = array.metadata.dimension_names
+def _variable(path: Path, files: StoredFiles, name: str, metadata: dict[str, Any]) -> xr.Variable:
+    layout = ArrayLayout.from_metadata(name, metadata)
+    dims = layout.dims
     if dims is None:
         raise StoreError(path, f"is damaged: '{name}' has no dimension names; create it again")
     # Where stores are only written, xarray is not needed.
@@ -184,9 +181,18 @@ def _variable(path: Path, name: str, array: Any) -> xr.Variable:
 
     from scenetruth.storage.stored_array import StoredArray
 
-    stored = StoredArray(path, name, array)
-    values = LazilyIndexedArray(stored) if is_mapped(dims) else stored.read(())
-    return xr.Variable(dims, values, dict(array.attrs), fastpath=True)
+    if is_mapped(dims):
+        values: Any = LazilyIndexedArray(StoredArray(path, layout))
+    else:
+        values = _read_small(path, files, layout)
+    return xr.Variable(dims, values, metadata["attributes"], fastpath=True)
+
+
+def _read_small(path: Path, files: StoredFiles, layout: ArrayLayout) -> NDArray[Any]:
+    try:
+        return layout.read_whole(files.read(layout.file) if files.holds(layout.file) else None)
+    except Exception as error:  # codecs raise various exceptions for damage
+        raise StoreError(path, describe_damage(layout.name, error)) from error
 
 
 def verify_store(path: str | Path) -> str:

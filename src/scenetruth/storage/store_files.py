@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import shutil
 import struct
 import zipfile
@@ -25,6 +26,7 @@ __all__ = [
     "TRUTH",
     "StagedFiles",
     "StoreFiles",
+    "StoredFiles",
     "add_checksums",
     "check_checksums",
     "claim_store",
@@ -105,7 +107,19 @@ class StoreFiles(Protocol):
         ...
 
 
-def open_store_files(path: Path) -> StoreFiles:
+class StoredFiles(StoreFiles, Protocol):
+    """Files of a finished store."""
+
+    def holds(self, name: str) -> bool:
+        """Return whether the store has a file."""
+        ...
+
+    def locate(self, name: str) -> tuple[Path, int, int]:
+        """Return the path on disk that contains a file of the store, the position of its first byte, and its size."""
+        ...
+
+
+def open_store_files(path: Path) -> StoredFiles:
     """Return the files of the store at a path."""
     return _Zip(path) if is_zip_name(path) else _Folder(path)
 
@@ -115,8 +129,12 @@ class _Folder:
         self._path = path
 
     def _all(self) -> dict[str, Path]:
-        found = (file for file in self._path.rglob("*") if file.is_symlink() or not file.is_dir())
-        return {file.relative_to(self._path).as_posix(): file for file in found}
+        found = {}
+        for folder, folders, files in os.walk(self._path):
+            for name in files + [name for name in folders if os.path.islink(os.path.join(folder, name))]:
+                file = Path(folder, name)
+                found[file.relative_to(self._path).as_posix()] = file
+        return found
 
     def sizes(self) -> dict[str, int]:
         return {name: file.stat().st_size for name, file in sorted(self._all().items()) if is_part(name)}
@@ -129,6 +147,13 @@ class _Folder:
 
     def open(self, name: str) -> IO[bytes]:
         return (self._path / name).open("rb")
+
+    def holds(self, name: str) -> bool:
+        return (self._path / name).exists()
+
+    def locate(self, name: str) -> tuple[Path, int, int]:
+        file = self._path / name
+        return file, 0, file.stat().st_size
 
 
 class StagedFiles:
@@ -191,6 +216,23 @@ class _Zip:
 
     def open(self, name: str) -> IO[bytes]:
         return self._archive.open(name)
+
+    def holds(self, name: str) -> bool:
+        return name in self._archive.NameToInfo
+
+    def locate(self, name: str) -> tuple[Path, int, int]:
+        item = self._archive.getinfo(name)
+        if item.compress_type != zipfile.ZIP_STORED:
+            msg = f"{name} is compressed"
+            raise OSError(msg)
+        with self._path.open("rb") as file:
+            file.seek(item.header_offset)
+            header = file.read(_ZIP_HEADER.size)
+        return self._path, item.header_offset + _ZIP_HEADER.size + sum(_ZIP_HEADER.unpack(header)), item.file_size
+
+
+_ZIP_HEADER = struct.Struct("<26xHH")
+"""Header before each file of a zip file, which ends with the lengths of the name and of the extra field after it."""
 
 
 def pack(files: StoreFiles, target: Path) -> None:
@@ -263,13 +305,12 @@ def add_checksums(files: StoreFiles) -> bytes:
     return blank.replace(_BLANK.encode(), _digest(files, sizes, blank).encode(), 1)
 
 
-def check_checksums(path: Path, attributes: dict[str, Any]) -> None:
+def check_checksums(path: Path, files: StoreFiles, attributes: dict[str, Any]) -> None:
     """Raise a StoreError if the metadata, file names or file sizes of a store differ from its checksums."""
     sealed = attributes.get(CHECKSUM_ATTRIBUTE)
     if not isinstance(sealed, dict):
         raise StoreError(path, "has no checksums, so its integrity cannot be verified; create it again")
     counted = {name: sealed.get(name) for name in ("files", "bytes")}
-    files = open_store_files(path)
     sizes = files.sizes()
     found = _count(sizes)
     if counted != found:

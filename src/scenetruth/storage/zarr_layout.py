@@ -20,13 +20,17 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = [
+    "ABSENT",
     "AUXILIARY",
+    "CHECKSUM_BYTES",
     "ShardFile",
     "chunk_shape",
     "is_mapped",
     "plain_attributes",
     "select_codecs",
     "select_encoder",
+    "with_checksum",
+    "without_checksum",
     "without_warnings",
 ]
 
@@ -169,7 +173,10 @@ def _silence() -> None:
     warnings.filterwarnings("ignore", message="Numcodecs codecs are not in the Zarr version 3")
 
 
-_ABSENT = 2**64 - 1
+ABSENT = 2**64 - 1
+"""Position of a missing chunk in the chunk index."""
+CHECKSUM_BYTES = 4
+"""Size of the checksum after each chunk and after the chunk index."""
 
 
 class ShardFile:
@@ -185,7 +192,7 @@ class ShardFile:
     def __init__(self, path: Path, grid: Sequence[int]) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file: IO[bytes] = path.open("wb")
-        self._index = np.full((*grid, 2), _ABSENT, dtype="<u8")
+        self._index = np.full((*grid, 2), ABSENT, dtype="<u8")
         self._end = 0
 
     def put(self, at: Sequence[int], chunk: bytes) -> None:
@@ -197,7 +204,7 @@ class ShardFile:
     @property
     def missing(self) -> int:
         """Number of chunks not yet written."""
-        return int((self._index[..., 0] == _ABSENT).sum())
+        return int((self._index[..., 0] == ABSENT).sum())
 
     def close(self) -> None:
         """Write the chunk index, which completes the file."""
@@ -213,4 +220,15 @@ def with_checksum(content: bytes) -> bytes:
     """Return bytes followed by their CRC-32C, in the format of zarr's ``crc32c`` codec."""
     import google_crc32c
 
-    return content + int(google_crc32c.value(content)).to_bytes(4, "little")
+    return content + int(google_crc32c.value(content)).to_bytes(CHECKSUM_BYTES, "little")
+
+
+def without_checksum(content: bytes) -> bytes:
+    """Return bytes without their CRC-32C after verifying it."""
+    import google_crc32c
+
+    plain, found = content[:-CHECKSUM_BYTES], content[-CHECKSUM_BYTES:]
+    if int(google_crc32c.value(plain)).to_bytes(CHECKSUM_BYTES, "little") != found:
+        msg = "a checksum is wrong"
+        raise ValueError(msg)
+    return plain
