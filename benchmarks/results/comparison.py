@@ -112,7 +112,9 @@ def value_of(one: MethodData, value: Value, levels: Sequence[str] | None = None)
         return math.nan, math.nan
     if shares.size:
         return float(np.median(numbers)), float(np.median(shares))
-    return float(np.median(numbers)), float(one.rows(value.case, value.quantity)["valid_percent"].median())
+    # The median of missing values only is missing; pandas with NumPy 2.0 would warn.
+    stated = one.rows(value.case, value.quantity)["valid_percent"].dropna()
+    return float(np.median(numbers)), float(stated.median())
 
 
 def losses(methods: Sequence[MethodData]) -> pd.DataFrame:

@@ -69,7 +69,9 @@ def test_noise_is_estimated_from_the_images_without_dark_frames(board_capture: P
     assert 0.5 < found.variance_factor < 1.5
 
 
-def test_files_hold_the_calibration_and_its_points(board_capture: Path, board_calibration: Calibrated) -> None:
+def test_files_hold_the_calibration_and_its_points(
+    board_capture: Path, board_calibration: Calibrated, tmp_path: Path
+) -> None:
     from scenetruth.capture.capture_calibration import fit_points, load_points, rig_priors
 
     found, output = board_calibration
@@ -87,10 +89,9 @@ def test_files_hold_the_calibration_and_its_points(board_capture: Path, board_ca
     assert again.fit.chi2 == pytest.approx(found.chi2, rel=1e-6)
     with pytest.raises(OutputExistsError):
         calibrate_capture(board_capture, output=output)
-    (output / "other.npz").write_bytes(b"PK")
+    (tmp_path / "other.npz").write_bytes(b"PK")
     with pytest.raises(CalibrationError, match="holds no detected points"):
-        load_points(output / "other.npz")
-    (output / "other.npz").unlink()
+        load_points(tmp_path / "other.npz")
 
 
 def test_tolerances_are_those_of_the_file(board_capture: Path, tmp_path: Path) -> None:

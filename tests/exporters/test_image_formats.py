@@ -9,6 +9,7 @@ import imageio.v3 as imageio
 import numpy as np
 import OpenEXR
 import pytest
+import tifffile
 import xarray as xr
 
 import scenetruth as st
@@ -56,7 +57,15 @@ def test_colours_are_written_as_far_as_formats_take_them(tmp_path: str) -> None:
     with pytest.raises(st.ExportError, match="image_bits: must be 8 for colours"):
         st.export((recording, estimate), "pfm", output=f"{tmp_path}/pfm", image_bits=16)
     done = st.export((recording, estimate), "tiff", output=f"{tmp_path}/tiff")
-    np.testing.assert_array_equal(imageio.imread(done.folder / "images" / "s+0_t+0.tiff"), images[0, 0])
+    file = done.folder / "images" / "s+0_t+0.tiff"
+    np.testing.assert_array_equal(imageio.imread(file), images[0, 0])
+    with tifffile.TiffFile(file) as opened:
+        assert [(page.shape, page.photometric.name) for page in opened.pages] == [((6, 8, 3), "RGB")]
+    two = st.make_recording(images[..., :2], focal_length_px=50, baseline_mm=2)
+    done = st.export((two, estimate), "tiff", output=f"{tmp_path}/two")
+    with tifffile.TiffFile(done.folder / "images" / "s+0_t+0.tiff") as opened:
+        assert len(opened.pages) == 1
+        np.testing.assert_array_equal(opened.asarray(), images[0, 0, ..., :2])
     done = st.export((recording, estimate), "pfm", output=f"{tmp_path}/pfm")
     found = imageio.imread(done.folder / "t+0" / "im0.png")
     assert np.abs(found / 255 - images[0, 0]).max() <= 0.5 / 255 + 1e-6

@@ -81,11 +81,17 @@ def _value(option: Any) -> str:
 
 
 def _choices(option: Any) -> list[str]:
+    # Older releases of typer have types of click.
+    if hasattr(option, "type"):
+        return [str(getattr(one, "value", one)) for one in getattr(option.type, "choices", ())]
     kind = option.type_descriptor.annotation
     return [str(one.value) for one in kind] if isinstance(kind, type) and issubclass(kind, Enum) else []
 
 
 def _type_name(option: Any) -> str:
+    if hasattr(option, "type"):
+        name = option.type.name.removesuffix(" range")
+        return {"integer": "NUMBER", "float": "NUMBER", "path": "PATH", "text": "TEXT"}.get(name, "VALUE")
     kind = option.type_descriptor.annotation
     names = {"int": "NUMBER", "float": "NUMBER", "Path": "PATH", "str": "TEXT"}
     return names.get(getattr(kind, "__name__", ""), "VALUE")

@@ -43,4 +43,8 @@ def write_images(recording: xr.Dataset, folder: str | Path, form: Literal["png",
         else:
             values = image.astype(np.float32)
         name = "_".join(f"{'r' if dim == 's_y' else dim}{number:+d}" for dim, number in at.items())
-        imageio.imwrite(folder / f"{name}.{form}", values)
+        options = {}
+        if form == "tiff" and image.ndim == 3:
+            # One page with the channels last: without options it depends on tifffile and the number of channels.
+            options = {"photometric": "rgb" if image.shape[-1] == 3 else "minisblack", "planarconfig": "contig"}
+        imageio.imwrite(folder / f"{name}.{form}", values, **options)

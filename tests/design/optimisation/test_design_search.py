@@ -177,6 +177,15 @@ def test_effects_of_planes_and_products() -> None:
     assert found.morris["b", "x0"][1] > 0.1
 
 
+def test_the_same_seed_gives_the_same_effects() -> None:
+    def torn(values: dict[str, Any]) -> tuple[dict[str, float], list[float]]:
+        """Return effects that depend on the place, so that another trajectory has others."""
+        return {"a": math.exp(math.sin(9 * values["x0"]) + values["x1"] ** 3), "b": math.exp(values["x2"] ** 2)}, []
+
+    found = [analyse_sensitivity(Formula(square(3), torn), square(3), TWO, 4, 16, 0) for _ in range(2)]  # type: ignore[arg-type]
+    assert found[0] == found[1]
+
+
 def test_indices_from_few_samples_lie_within_their_intervals() -> None:
     inside, halves = [], {16: [], 64: []}  # type: ignore[var-annotated]
     for samples, several in halves.items():

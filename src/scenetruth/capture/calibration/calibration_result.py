@@ -204,7 +204,7 @@ class RigCalibration:
             raise CalibrationError([Problem(name, f"is no parameter; use one of {', '.join(self.names[:15])}, ...")])
         return self.names.index(name)
 
-    @property
+    @cached_property
     def camera(self) -> Camera:
         """Camera with its lens distortion."""
         return RigState(self.layout, self.values, np.empty((0, 3, 3))).camera(self.width, self.height)

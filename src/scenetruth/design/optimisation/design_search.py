@@ -217,7 +217,8 @@ def analyse_sensitivity(
     found_sobol: dict[tuple[str, str], SobolIndices] = {}
     left_out = [0.0, 0.0]
     if morris:
-        points = _quiet(import_optional("SALib.sample.morris").sample, problem, morris, num_levels=_LEVELS, seed=seed)
+        # SALib before 1.6 takes the number 0 for no seed, and a list for a seed.
+        points = _quiet(import_optional("SALib.sample.morris").sample, problem, morris, num_levels=_LEVELS, seed=[seed])
         values = ledger.ask(points, "morris")
         left_out[0] = _each(values, objectives, len(space) + 1, points, found_morris, problem, _morris)
     if sobol:
@@ -253,7 +254,7 @@ def _each(
 
 def _morris(problem: Mapping[str, Any], points: Array, logs: Array) -> list[tuple[float, float]]:
     entries = _quiet(
-        import_optional("SALib.analyze.morris").analyze, dict(problem), points, logs, num_levels=_LEVELS, seed=0
+        import_optional("SALib.analyze.morris").analyze, dict(problem), points, logs, num_levels=_LEVELS, seed=[0]
     )
     return [(float(mean), float(scatter)) for mean, scatter in zip(entries["mu_star"], entries["sigma"], strict=True)]
 
@@ -263,7 +264,7 @@ def _sobol(problem: Mapping[str, Any], points: Array, logs: Array) -> list[Sobol
     if samples < _FEWEST_BASE or float(logs.std()) < 1e-12:
         return [SobolIndices(math.nan, math.nan, math.nan, math.nan, samples)] * problem["num_vars"]
     entries = _quiet(
-        import_optional("SALib.analyze.sobol").analyze, dict(problem), logs, calc_second_order=False, seed=0
+        import_optional("SALib.analyze.sobol").analyze, dict(problem), logs, calc_second_order=False, seed=[0]
     )
     each = zip(*(entries[name] for name in ("S1", "ST", "S1_conf", "ST_conf")), strict=True)
     return [
