@@ -6,6 +6,7 @@ import json
 import math
 from io import StringIO
 from pathlib import Path
+from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
@@ -13,6 +14,7 @@ import pytest
 import xarray as xr
 
 import scenetruth as st
+from scenetruth.estimators.method_settings import RefinedSettings
 from scenetruth.strain import GoodPracticeReport
 
 
@@ -57,6 +59,29 @@ def test_fields_follow_from_rig_settings_and_gauge(recording: xr.Dataset, estima
     assert found["Displacement U per frame"] == ("0.002", "mm")
     assert found["Displacement U per frame at the image scale"] == ("0.01", "px")
     assert float(found["Strain exx"][0]) == pytest.approx(float(np.nanmedian(strain["exx_std"])), rel=0.01)
+
+
+def test_models_and_criterion_are_those_of_the_settings(recording: xr.Dataset, estimate: xr.Dataset) -> None:
+    def fields(**chosen: Any) -> dict[str, tuple[str, str]]:
+        settings = RefinedSettings(**chosen).model_dump_json()
+        return values(st.report_good_practice(recording, estimate.assign_attrs(settings=settings)))
+
+    found = fields(surface="plane", motion="affine", photometric_model="none")
+    assert found["Subset shape function"] == ("disparity: linear; motion: affine", "")
+    assert found["Matching criterion"] == ("least squares over all images, one brightness for all images", "")
+    # Every model has its words.
+    for name, field in (
+        ("surface", "Subset shape function"),
+        ("motion", "Subset shape function"),
+        ("photometric_model", "Matching criterion"),
+    ):
+        models = get_args(RefinedSettings.model_fields[name].annotation)
+        words = {fields(**{name: model})[field][0] for model in models}
+        assert len(words) == len(models)
+        assert "not stated by the estimate" not in words
+    # Settings that are not stated are not assumed.
+    unknown = values(st.report_good_practice(recording, estimate))
+    assert unknown["Subset shape function"] == unknown["Matching criterion"] == ("not stated by the estimate", "")
 
 
 def test_noise_floors_are_those_of_valid_pixels(recording: xr.Dataset, estimate: xr.Dataset) -> None:

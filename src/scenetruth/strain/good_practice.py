@@ -279,11 +279,20 @@ def _feature_size(scene: Mapping[str, Any]) -> str | None:
 
 
 _OWN = ("plane_sweep", "refined", "structure_tensor")
-_SHAPES = {"refined": "plane or second order, per pixel", "structure_tensor": "constant disparity and flow"}
-_CRITERIA = {
-    "refined": "least squares over all images, with gain and offset of every image",
-    "structure_tensor": "total least squares of the brightness gradient",
+_SURFACES = {
+    "auto": "plane or second order, per pixel",
+    "constant": "constant",
+    "plane": "linear",
+    "curved": "second order",
 }
+_MOTIONS = {
+    "auto": "rigid with isotropic growth or affine, per pixel",
+    "translation": "constant",
+    "rigid": "rigid",
+    "growing": "rigid with isotropic growth",
+    "affine": "affine",
+}
+_GAINS = {"per_image": "gain and offset of every image", "none": "one brightness for all images"}
 _INTERPOLANTS = {"quintic": "quintic B-spline", "cubic": "cubic B-spline"}
 
 
@@ -305,8 +314,8 @@ def _analysis(estimate: xr.Dataset | None, strain: xr.Dataset | None) -> Iterato
     subset = math.nan if estimate is None else read_subset_px(estimate)
     yield field("Subset size", subset, "px")
     yield field("Subset window", _window(settings))
-    yield field("Subset shape function", _SHAPES.get(method))
-    yield field("Matching criterion", _CRITERIA.get(method))
+    yield field("Subset shape function", _shape_function(method, settings))
+    yield field("Matching criterion", _criterion(method, settings))
     yield field("Interpolant", _INTERPOLANTS.get(str(settings.get("spline"))))
     yield field("Step size", measured.get("step_px"), "px", _NO_STRAIN)
     window = measured.get("window")
@@ -324,6 +333,23 @@ def _analysis(estimate: xr.Dataset | None, strain: xr.Dataset | None) -> Iterato
         missing = _NO_STRAIN if strain is None else _NOT_ESTIMATED
         yield field("Virtual strain gauge", None, "", missing)
         yield field("Virtual strain gauge on the object", None, "", missing)
+
+
+def _shape_function(method: str, settings: Mapping[str, Any]) -> str | None:
+    """Return the models of disparity and motion within a window, as far as the settings state them."""
+    if method == "structure_tensor":
+        return "constant disparity and flow"
+    surface, motion = (
+        names.get(str(settings.get(key))) for key, names in (("surface", _SURFACES), ("motion", _MOTIONS))
+    )
+    return f"disparity: {surface}; motion: {motion}" if method == "refined" and surface and motion else None
+
+
+def _criterion(method: str, settings: Mapping[str, Any]) -> str | None:
+    if method == "structure_tensor":
+        return "total least squares of the brightness gradient"
+    gains = _GAINS.get(str(settings.get("photometric_model")))
+    return f"least squares over all images, {gains}" if method == "refined" and gains else None
 
 
 def _window(settings: Mapping[str, Any]) -> str | None:
