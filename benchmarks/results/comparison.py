@@ -112,7 +112,7 @@ def value_of(one: MethodData, value: Value, levels: Sequence[str] | None = None)
         return math.nan, math.nan
     if shares.size:
         return float(np.median(numbers)), float(np.median(shares))
-    return float(np.median(numbers)), float(one.rows(value.case, value.quantity)["valid_percent"].median())
+    return float(np.median(numbers)), float(one.rows(value.case, value.quantity)["valid_percent"].dropna().median())
 
 
 def losses(methods: Sequence[MethodData]) -> pd.DataFrame:

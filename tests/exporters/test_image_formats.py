@@ -9,6 +9,7 @@ import imageio.v3 as imageio
 import numpy as np
 import OpenEXR
 import pytest
+import tifffile
 import xarray as xr
 
 import scenetruth as st
@@ -57,6 +58,11 @@ def test_colours_are_written_as_far_as_formats_take_them(tmp_path: str) -> None:
         st.export((recording, estimate), "pfm", output=f"{tmp_path}/pfm", image_bits=16)
     done = st.export((recording, estimate), "tiff", output=f"{tmp_path}/tiff")
     np.testing.assert_array_equal(imageio.imread(done.folder / "images" / "s+0_t+0.tiff"), images[0, 0])
+    # Five channels are one page, not six pages of rows.
+    many = st.make_recording(np.repeat(images[..., :1], 5, axis=-1), focal_length_px=50, baseline_mm=2)
+    done = st.export((many, estimate), "tiff", output=f"{tmp_path}/many")
+    with tifffile.TiffFile(done.folder / "images" / "s+0_t+0.tiff") as file:
+        assert [page.shape for page in file.pages] == [(6, 8, 5)]
     done = st.export((recording, estimate), "pfm", output=f"{tmp_path}/pfm")
     found = imageio.imread(done.folder / "t+0" / "im0.png")
     assert np.abs(found / 255 - images[0, 0]).max() <= 0.5 / 255 + 1e-6

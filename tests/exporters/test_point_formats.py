@@ -42,9 +42,14 @@ COMMON = {
 }
 
 
+def read_table(file: Path) -> pd.DataFrame:
+    """Return a table with its numbers to the last digit, which pandas 2 does not read."""
+    return pd.read_csv(file, dtype=str).astype(float)
+
+
 def table(export: Export, format: str, **options: object) -> pd.DataFrame:
     """Return the points with a result."""
-    found = pd.read_csv(export(format, **GAUGE, **options).folder / TABLES[format])
+    found = read_table(export(format, **GAUGE, **options).folder / TABLES[format])
     return found if format != "dice" else found[found["SIGMA"] >= 0].reset_index(drop=True)
 
 
@@ -89,7 +94,7 @@ def test_programs_find_the_same_numbers_in_their_own_columns(export: Export, for
     ("measure", "name"), [("green_lagrange", "Lagrange"), ("hencky", "Hencky"), ("engineering", "engr.")]
 )
 def test_headings_of_vic_state_the_tensor(export: Export, measure: str, name: str) -> None:
-    found = pd.read_csv(export("vic3d", measure=measure, **GAUGE).folder / TABLES["vic3d"])
+    found = read_table(export("vic3d", measure=measure, **GAUGE).folder / TABLES["vic3d"])
     assert [column for column in found if column.startswith("e")] == [
         f"{each} [1] - {name}" for each in ("exx", "eyy", "exy", "e1", "e2")
     ]
@@ -125,7 +130,7 @@ def test_subsets_of_dice_are_the_same_in_every_frame(recording: xr.Dataset, trut
     folder = st.export((recording, estimate), "dice", output=tmp_path / "dice", **GAUGE).folder
     for number in range(own.sizes["t"]):
         file = folder / f"DICe_solution_{number}.txt"
-        found = pd.read_csv(file)
+        found = read_table(file)
         # NumPy reads every line, which it does not if a cell is empty.
         assert np.loadtxt(file, delimiter=",", skiprows=1).shape == found.shape
         place = found[["COORDINATE_X", "COORDINATE_Y"]].to_numpy().astype(int)
@@ -151,13 +156,13 @@ def test_displacements_have_the_standard_deviations_of_the_velocities(
     )
     for axes, words in (("camera", "axes: X right, Y down, Z forward"), ("y_up", "axes: X right, Y up, Z towards")):
         done = st.export((recording, estimate), "point_csv", output=tmp_path / axes, axes=axes, **GAUGE)
-        found = pd.read_csv(done.folder / TABLES["point_csv"])
+        found = read_table(done.folder / TABLES["point_csv"])
         for name, expected in zip("UVW", (0.01, 0.02, 0.05), strict=True):
             np.testing.assert_allclose(found[f"{name}_std [mm]"], expected, rtol=1e-6)
         assert words in done.notes[0]
         assert "since=T" in done.notes[1]
     done = st.export((recording, estimate), "point_csv", output=tmp_path / "since", since=-1, **GAUGE)
-    assert "U_std [mm]" not in pd.read_csv(done.folder / TABLES["point_csv"])
+    assert "U_std [mm]" not in read_table(done.folder / TABLES["point_csv"])
     assert not any("since=T" in note for note in done.notes)
 
 
@@ -166,7 +171,7 @@ def test_y_upwards_turns_the_frame_by_half_a_turn_about_x(
 ) -> None:
     down = table(export, "point_csv")
     folder = st.export((recording, truth), "point_csv", output=tmp_path / "up", axes="y_up", **GAUGE).folder
-    up = pd.read_csv(folder / TABLES["point_csv"])
+    up = read_table(folder / TABLES["point_csv"])
     for name in ("Y [mm]", "Z [mm]", "V [mm]", "W [mm]", "exy [1]"):
         np.testing.assert_array_equal(up[name], -down[name])
     for name in ("X [mm]", "U [mm]", "exx [1]", "eyy [1]", "e1 [1]"):
@@ -185,7 +190,7 @@ def test_estimate_states_its_noise_and_its_motion(recording: xr.Dataset, truth: 
         depth_std=np.where(np.isfinite(own["depth"].values), 0.02, np.nan),
     ).assign_attrs(settings=json.dumps({"window_sigma_px": 1.0}))
     done = st.export((recording, estimate), "point_csv", output=tmp_path / "csv", **GAUGE)
-    found = pd.read_csv(done.folder / TABLES["point_csv"])
+    found = read_table(done.folder / TABLES["point_csv"])
     assert "velocity at frame t over one frame" in done.notes[0]
     strain = st.compute_strain(estimate, settings=GAUGE).sel(t=0)
     np.testing.assert_array_equal(found["exx_std [1]"], at_points(strain["exx_std"], found))
@@ -211,7 +216,7 @@ def test_points_of_a_frame_are_tracked(recording: xr.Dataset, truth: xr.Dataset,
     """Displacements since a frame, as other programs state them: the projection of the moved point is its pixel."""
     done = st.export((recording, truth), "vic3d", output=tmp_path / "vic", since=-1, **GAUGE)
     assert "from frame -1 to frame t" in done.notes[0]
-    found = pd.read_csv(done.folder / "s+0_t+1.csv")
+    found = read_table(done.folder / "s+0_t+1.csv")
     ends = [found[f"{name} [mm]"] + found[f"{moved} [mm]"] for name, moved in zip("XYZ", "UVW", strict=True)]
     for axis, name in enumerate("xy"):
         pixel = FOCAL_PX * ends[axis] / ends[2] + CENTRE_PX[axis]
@@ -219,7 +224,7 @@ def test_points_of_a_frame_are_tracked(recording: xr.Dataset, truth: xr.Dataset,
         np.testing.assert_allclose(pixel - found[f"{name} [pixel]"], motion, atol=1e-11)
     strain = st.compute_strain(truth, since=-1, settings=GAUGE).sel(t=1)
     assert found["exx [1] - Lagrange"].notna().sum() == strain["valid"].sum()
-    still = pd.read_csv(done.folder / "s+0_t-1.csv")
+    still = read_table(done.folder / "s+0_t-1.csv")
     assert (still[["U [mm]", "V [mm]", "W [mm]"]] == 0).all(axis=None)
     with pytest.raises(st.ExportError, match="since: must be one of the frames"):
         st.export((recording, truth), "hdf5", output=tmp_path / "h5", since=7)

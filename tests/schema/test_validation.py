@@ -55,7 +55,7 @@ def test_what_is_of_the_wrong_type_is_named(name: str, value: Any, message: str)
 
 
 @pytest.mark.parametrize(
-    ("name", "values"), [("t", ["a", "b", "c"]), ("s", [0.5, 1.5]), ("s", np.array(["2020", "2021"], "datetime64[D]"))]
+    ("name", "values"), [("t", ["a", "b", "c"]), ("s", [0.5, 1.5]), ("s", np.array(["2020", "2021"], "datetime64[ns]"))]
 )
 def test_coordinates_of_the_wrong_type_are_named(name: str, values: Any) -> None:
     with pytest.raises(st.RecordingError, match=f"- {name}: must hold integers"):

@@ -43,4 +43,12 @@ def write_images(recording: xr.Dataset, folder: str | Path, form: Literal["png",
         else:
             values = image.astype(np.float32)
         name = "_".join(f"{'r' if dim == 's_y' else dim}{number:+d}" for dim, number in at.items())
-        imageio.imwrite(folder / f"{name}.{form}", values)
+        layout = _describe_layout(values) if form == "tiff" else {}
+        imageio.imwrite(folder / f"{name}.{form}", values, **layout)
+
+
+def _describe_layout(values: NDArray[Any]) -> dict[str, str]:
+    """Return how an image is stored in a TIFF file, which versions of tifffile conclude differently from its shape."""
+    if values.ndim == 2:
+        return {"photometric": "minisblack"}
+    return {"photometric": "rgb" if values.shape[-1] == 3 else "minisblack", "planarconfig": "contig"}
