@@ -84,6 +84,21 @@ def _residual(first: Any, second: Any, u: Any, v: Any, valid: Any) -> float:
     return float(np.nanmedian(np.abs(np.where(valid, seen - first, np.nan))))
 
 
+def test_pairs_of_a_grid_of_cameras_are_those_of_the_row_of_the_reference(tmp_path: Path) -> None:
+    recipe = copy.deepcopy(RECIPE)
+    recipe["base"][0]["scene"]["stage"] |= {"positions": 2, "rows": 2, "row_spacing_mm": 5}
+    recipe["base"][0]["scene"]["frames"]["count"] = 2
+    run_dataset({**recipe, "samples": 1, "truth": {"content": "complete"}}, output=tmp_path / "grid")
+    grid = st.open_dataset(tmp_path / "grid")
+    image = grid.sample(0).recording["image"].sel(s_y=0)
+    first, second, flow, valid = grid.flow_pairs()[0]
+    left, right, disparity, _ = grid.stereo_pairs(left=0)[0]
+    for found, place in ((first, (0, 0)), (second, (0, 1)), (left, (0, 0)), (right, (1, 0))):
+        assert found[0] * 255 == pytest.approx(image.sel(s=place[0], t=place[1]).values, abs=1e-4)
+    assert (flow.shape, disparity.shape) == ((2, HEIGHT, WIDTH), (1, HEIGHT, WIDTH))
+    assert _residual(left[0], right[0], -disparity[0], np.zeros_like(disparity[0]), valid) < 0.03
+
+
 def test_pairs_that_do_not_exist_are_refused(made: SceneDataset) -> None:
     with pytest.raises(ArgumentError, match="one of \\[-1, 0\\]") as caught:
         _ = made.flow_pairs(frame=1, camera=5)[0]

@@ -154,7 +154,10 @@ class ImagePair(NamedTuple):
 
 
 class _Pairs(Sequence[ImagePair]):
-    """Pairs of images of the samples of a data set; picklable, as PyTorch's ``DataLoader`` requires."""
+    """Pairs of images of the samples of a data set; picklable, as PyTorch's ``DataLoader`` requires.
+
+    Of several rows of cameras, that of the reference camera is used.
+    """
 
     def __init__(self, dataset: SampleSequence) -> None:
         self._dataset = dataset
@@ -176,7 +179,10 @@ class _Pairs(Sequence[ImagePair]):
 
     def _source(self, index: SupportsIndex) -> ExportSource:
         sample = self._dataset.sample(index)
-        return ExportSource(sample.recording, sample.truth)
+        recording, truth = (
+            each.sel(s_y=0) if "s_y" in each.dims else each for each in (sample.recording, sample.truth)
+        )
+        return ExportSource(recording, truth)
 
 
 class FlowPairs(_Pairs):
@@ -196,7 +202,8 @@ class FlowPairs(_Pairs):
         t, s = self._frame, self._camera
         problems = []
         if t not in source.pairs_of_frames:
-            message = f"must be a frame with a successor, one of {source.pairs_of_frames}"
+            found = source.pairs_of_frames
+            message = f"must be a frame with a successor, one of {found}" if found else "has no successor"
             problems.append(Problem("frame", message, t))
         if s not in source.views:
             problems.append(Problem("camera", f"must be a position with maps, one of {source.views}", s))

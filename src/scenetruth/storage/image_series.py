@@ -43,8 +43,12 @@ def write_images(recording: xr.Dataset, folder: str | Path, form: Literal["png",
         else:
             values = image.astype(np.float32)
         name = "_".join(f"{'r' if dim == 's_y' else dim}{number:+d}" for dim, number in at.items())
-        options = {}
-        if form == "tiff" and image.ndim == 3:
-            # One page with the channels last: without options it depends on tifffile and the number of channels.
-            options = {"photometric": "rgb" if image.shape[-1] == 3 else "minisblack", "planarconfig": "contig"}
-        imageio.imwrite(folder / f"{name}.{form}", values, **options)
+        layout = _describe_layout(values) if form == "tiff" else {}
+        imageio.imwrite(folder / f"{name}.{form}", values, **layout)
+
+
+def _describe_layout(values: NDArray[Any]) -> dict[str, str]:
+    """Return how an image is stored in a TIFF file, which versions of tifffile conclude differently from its shape."""
+    if values.ndim == 2:
+        return {"photometric": "minisblack"}
+    return {"photometric": "rgb" if values.shape[-1] == 3 else "minisblack", "planarconfig": "contig"}
