@@ -142,3 +142,13 @@ def test_other_types_are_rejected(recording: xr.Dataset) -> None:
     with pytest.raises(st.ScoreError) as caught:
         st.report_good_practice(None, {})  # type: ignore[arg-type]
     assert {problem.path for problem in caught.value.problems} == {"recording", "estimate"}
+
+
+def test_exchanged_data_sets_are_rejected(recording: xr.Dataset, estimate: xr.Dataset) -> None:
+    with pytest.raises(st.ScoreError) as caught:
+        st.report_good_practice(estimate, recording, recording)
+    assert [str(problem) for problem in caught.value.problems] == [
+        "recording: must be a recording (got 'estimate')",
+        "estimate: must be an estimate (got 'recording')",
+        "strain: must be a strain data set (got 'recording')",
+    ]

@@ -156,6 +156,10 @@ def report_good_practice(
         for name, part in given.items()
         if not isinstance(part, xr.Dataset) and (part is not None or name == "recording")
     ]
+    for name, part in given.items():
+        kind = part.attrs.get("scenetruth", name) if isinstance(part, xr.Dataset) else name
+        if kind != name and (name, kind) != ("estimate", "truth"):
+            problems.append(Problem(name, f"must be {_NAMES[name]}", kind))
     if problems:
         raise ScoreError(problems)
     depth = _median_depth(estimate, strain)
@@ -165,6 +169,9 @@ def report_good_practice(
         *_noise_floors(estimate, strain, recording, depth),
     ]
     return GoodPracticeReport(tuple(found))
+
+
+_NAMES = {"recording": "a recording", "estimate": "an estimate", "strain": "a strain data set"}
 
 
 def _median_depth(estimate: xr.Dataset | None, strain: xr.Dataset | None) -> float:
