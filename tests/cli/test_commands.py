@@ -258,6 +258,10 @@ def test_strain_of_an_estimate_has_its_gauge_and_its_report(run: Path) -> None:
     assert "exists already" in again.stderr
     again = scenetruth("strain", run, "-o", out, *gauge, "--overwrite", "--json")
     assert json.loads(again.stdout)["score"] is None
+    wide = scenetruth("strain", run, "-o", run.parent / "wide", "--window", "201", "--method", OWN)
+    assert wide.returncode == 0
+    assert "warning: no strain: " in wide.stderr
+    assert "window of 201 points every 4 pixels, 801 pixels wide; reduce" in " ".join(wide.stderr.split())
     wrong = scenetruth("strain", run, "-o", run.parent / "x", "--window", "4", "--order", "3")
     assert wrong.returncode == 2
     for problem in ("window: must be an odd number", "order: "):
