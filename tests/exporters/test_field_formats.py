@@ -12,8 +12,10 @@ import meshio
 import numpy as np
 import pytest
 import xarray as xr
+from numpy.typing import NDArray
 
 import scenetruth as st
+from scenetruth.storage.stored_array import StoredArray
 from tests.helpers.exported_scene import Export
 
 GAUGE: dict[str, Any] = {"window": 5, "step": 2}
@@ -137,6 +139,28 @@ def test_hdf5_describes_itself(export: Export, truth: xr.Dataset) -> None:
         for name in ("t", "time_s"):
             np.testing.assert_array_equal(file["strain"][name][()], truth[name].values)
         assert file["strain"].attrs["gauge_length_mm"] == pytest.approx(strain.attrs["gauge_length_mm"], rel=0.05)
+
+
+def test_hdf5_is_written_frame_by_frame(
+    recording: xr.Dataset, truth: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames, read, sizes = truth.sizes["t"], StoredArray.read, []
+
+    def reading(self: StoredArray, key: tuple[Any, ...]) -> NDArray[Any]:
+        values = read(self, key)
+        sizes.append(values.size * frames / np.prod(self.shape))
+        return values
+
+    stored = st.open_store(st.save_store(truth, tmp_path / "truth.zarr"))
+    monkeypatch.setattr(StoredArray, "read", reading)
+    folder = st.export((recording, stored), "hdf5", output=tmp_path / "h5", **GAUGE).folder
+    assert frames > 1
+    assert len(sizes) > 2 * frames
+    # Maps of one frame at most are in memory.
+    assert max(sizes) <= 1
+    with h5py.File(folder / "maps.h5") as file:
+        np.testing.assert_array_equal(file["truth"]["velocity"][()], truth["velocity"].values)
+        assert file["truth"]["depth"].chunks == (1, 1, *truth["depth"].shape[2:])
 
 
 def test_hdf5_of_a_depth_map_has_no_strain(recording: xr.Dataset, truth: xr.Dataset, tmp_path: Path) -> None:

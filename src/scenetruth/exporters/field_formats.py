@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from xml.etree import ElementTree
@@ -150,11 +150,14 @@ class Hdf5(PointOptions):
         with h5py.File(folder / "maps.h5", "w") as file:
             _write_group(file.create_group("truth" if source.is_truth else "estimate"), source.maps)
             if moving:
-                frames = []
-                for _, frame in self.frames(source):
+                group, described = file.create_group("strain"), []
+                for n, (_, frame) in enumerate(self.frames(source)):
                     totals.add(frame, settings)
-                    frames.append(frame.maps.expand_dims("t"))
-                _write_group(file.create_group("strain"), _joined(frames))
+                    # The order of the axes of the data model: components first.
+                    maps = frame.maps.expand_dims("t").transpose("component", "t", "y", "x")
+                    described.append(maps.drop_vars(list(maps.data_vars)))
+                    _write_frame(group, maps, n, len(source.frames))
+                _write_group(group, _joined(described))
             if self.images:
                 _write_group(file.create_group("recording"), source.recording)
         if not moving:
@@ -163,46 +166,72 @@ class Hdf5(PointOptions):
 
 
 def _joined(frames: list[xr.Dataset]) -> xr.Dataset:
-    """Return the strain of all frames, with the time of each, and the medians of their image scale and gauge."""
+    """Return the coordinates of all frames, with the time of each, and the medians of their image scale and gauge."""
     times = [name for name in ("time_s",) if name in frames[0].coords]
-    found = xr.concat(
-        frames, "t", data_vars="all", coords=times, compat="override", combine_attrs="drop_conflicts", join="exact"
-    )
+    found = xr.concat(frames, "t", coords=times, compat="override", combine_attrs="drop_conflicts", join="exact")
     for name in ("gauge_length_mm", "mm_per_px"):
         stated = [frame.attrs[name] for frame in frames if name in frame.attrs]
         if stated:
             found.attrs[name] = float(np.median(stated))
-    # The order of the axes of the data model: components first.
-    return found.transpose("component", "t", "y", "x")
+    return found
 
 
 def _write_group(group: h5py.Group, dataset: xr.Dataset) -> None:
-    """Write a data set with its coordinates as dimension scales."""
+    """Write a data set with its coordinates as dimension scales, also of the datasets that the group has."""
     for name, value in sorted(dataset.attrs.items()):
         group.attrs[str(name)] = value
     # The order of the variables of a data set does not affect the file.
-    variables = sorted(dataset.variables.items(), key=lambda entry: str(entry[0]))
-    for name, item in variables:
+    for name, item in sorted(dataset.variables.items(), key=lambda entry: str(entry[0])):
         made = _write_variable(group, str(name), item)
         if item.dims == (name,):
             made.make_scale(str(name))
-    for name, item in variables:
-        for axis, dim in enumerate(item.dims):
-            group[str(name)].dims[axis].label = str(dim)
-            if str(dim) in group and name != dim:
-                group[str(name)].dims[axis].attach_scale(group[str(dim)])
+    for name, made in group.items():
+        for axis in made.dims:
+            if axis.label in group and axis.label != name:
+                axis.attach_scale(group[axis.label])
 
 
-def _write_variable(group: h5py.Group, name: str, item: xr.Variable) -> Any:
+def _write_frame(group: h5py.Group, maps: xr.Dataset, n: int, count: int) -> None:
+    """Write the maps of one of ``count`` frames; the first makes the datasets."""
+    for name, item in sorted(maps.data_vars.items(), key=lambda entry: str(entry[0])):
+        made = _create(group, str(name), item.variable, {**item.sizes, "t": count}) if n == 0 else group[str(name)]
+        made[_select_frame(item.dims, n)] = _convert(item.variable.isel(t=0))
+
+
+def _write_variable(group: h5py.Group, name: str, item: xr.Variable) -> h5py.Dataset:
+    """Write a variable; maps frame by frame, because those of all frames may not fit into memory."""
+    made = _create(group, name, item, item.sizes)
+    if item.ndim > 1 and "t" in item.dims:
+        for n in range(item.sizes["t"]):
+            made[_select_frame(item.dims, n)] = _convert(item.isel(t=n))
+    else:
+        made[...] = _convert(item)
+    return made
+
+
+def _select_frame(dims: tuple[Any, ...], n: int) -> tuple[Any, ...]:
+    return tuple(n if dim == "t" else slice(None) for dim in dims)
+
+
+def _convert(item: xr.Variable) -> NDArray[Any]:
+    """Return values in a type of HDF5: texts as objects, and truth values as numbers."""
+    converted = {"U": np.dtype(object), "b": np.dtype(np.uint8)}.get(item.dtype.kind, item.dtype)
+    return np.asarray(item.values).astype(converted, copy=False)
+
+
+def _create(group: h5py.Group, name: str, item: xr.Variable, sizes: Mapping[Any, int]) -> h5py.Dataset:
+    """Return a new dataset with the attributes of a variable and labels of its dimensions, one map in each chunk."""
     import h5py
 
-    values = np.asarray(item.values)
-    if values.dtype.kind in "UO":
-        made = group.create_dataset(name, data=values.astype(object), dtype=h5py.string_dtype())
-    else:
-        values = values.astype(np.uint8) if values.dtype.kind == "b" else values
-        packed = {"compression": "gzip", "shuffle": True} if values.ndim > 1 else {}
-        made = group.create_dataset(name, data=values, **packed)
+    shape = tuple(sizes[dim] for dim in item.dims)
+    dtype: Any = {"U": h5py.string_dtype(), "O": h5py.string_dtype(), "b": np.uint8}.get(item.dtype.kind, item.dtype)
+    packed: dict[str, Any] = {}
+    if item.ndim > 1 and item.dtype.kind not in "UO" and all(shape):
+        first = item.dims.index("y") if "y" in item.dims else 1
+        packed = {"compression": "gzip", "shuffle": True, "chunks": (1,) * first + shape[first:]}
+    made = group.create_dataset(name, shape=shape, dtype=dtype, **packed)
     for key, value in item.attrs.items():
         made.attrs[str(key)] = value
+    for axis, dim in enumerate(item.dims):
+        made.dims[axis].label = str(dim)
     return made
