@@ -22,7 +22,7 @@ from scenetruth.design.uncertainty import (
     restrict_sources,
     simulate_run,
 )
-from scenetruth.errors import ArgumentError, EstimateError, OutputExistsError, SceneError
+from scenetruth.errors import ArgumentError, EstimateError, OutputExistsError, SceneError, StoreError
 from tests.helpers.budget_scenes import laboratory
 from tests.helpers.nightly import nightly
 
@@ -198,6 +198,8 @@ def test_what_cannot_be_is_told_at_once(scene: st.Scene, tmp_path: Path) -> None
     (tmp_path / "mine" / "notes").write_text("mine")
     with pytest.raises(OutputExistsError, match="not a directory of a budget"):
         budget(scene, output=tmp_path / "mine")
+    with pytest.raises(StoreError, match=r"because .*notes is not a directory"):
+        budget(scene, output=tmp_path / "mine" / "notes" / "budget")
 
 
 def test_calibrations_are_typical_unless_given() -> None:

@@ -46,7 +46,7 @@ from scenetruth.jobs.executors import resolve_workers
 from scenetruth.jobs.job_folder import JobFolder
 from scenetruth.jobs.scheduler import for_each
 from scenetruth.jobs.worker_setup import collect_versions
-from scenetruth.output import write_atomically
+from scenetruth.output import check_writable, write_atomically
 from scenetruth.plain_data import parse_json, seed_problems
 from scenetruth.progress import Progress, say
 from scenetruth.resources import Limits, load_checked_scene, refuse_beyond_limits
@@ -182,6 +182,8 @@ def budget(
         raise SceneError([Problem(f"stage.{field}", message)])
     own = [] if method is None else [read_method(method)]
     refuse_beyond_limits(whole, limits)
+    if output is not None and not Path(output).exists():
+        check_writable(output)
     _require_region(whole, region, limits)
     chosen = own[0].choice(whole.estimate) if own else whole.estimate
     whole = whole.model_copy(update={"estimate": chosen})
