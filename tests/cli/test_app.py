@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -24,6 +25,7 @@ from tests.helpers.command_line import in_own_process, names, scenetruth
 from tests.helpers.nightly import NIGHTLY, by_night, nightly
 from tests.helpers.no_gl import python_path_without_gl
 from tests.helpers.scenes import SCENES, cube
+from tests.helpers.shared_folders import make_once
 
 STORES = {"recording.zarr", "truth.zarr"}
 RESULTS = {"scene.yaml", *STORES, "estimate.zarr", "score.json", "score.csv", "report.html", "figures"}
@@ -46,17 +48,20 @@ def scene_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def finished(scene_file: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("runs") / "one"
-    # That all pictures are drawn if none are chosen says `tests.cli.test_commands`.
-    words = ("run", scene_file, "-o", folder, "--save-images", "png", "--truth-views", "all", *PICTURES)
-    # A process of its own loads all compiled code; the second process that draws is there by day as well.
-    done = in_own_process(*words) if NIGHTLY else scenetruth(*words, helped=True)
-    assert done.returncode == 0, done.stderr
-    assert "Depth" in done.stdout
-    assert f"page: {(folder / 'report.html').as_uri()}" in done.stdout
-    assert "\x1b" not in done.stdout + done.stderr
-    assert "rendered with raycast" in done.stderr
-    return folder
+    """Return a finished run, which tests leave as it is."""
+
+    def make(folder: Path) -> None:
+        # That all pictures are drawn if none are chosen says `tests.cli.test_commands`.
+        words = ("run", scene_file, "-o", folder / "one", "--save-images", "png", "--truth-views", "all", *PICTURES)
+        # A process of its own loads all compiled code; the second process that draws is there by day as well.
+        done = in_own_process(*words) if NIGHTLY else scenetruth(*words, helped=True)
+        assert done.returncode == 0, done.stderr
+        assert "Depth" in done.stdout
+        assert f"page: {(folder / 'one' / 'report.html').as_uri()}" in done.stdout
+        assert "\x1b" not in done.stdout + done.stderr
+        assert "rendered with raycast" in done.stderr
+
+    return make_once(tmp_path_factory, "run_by_command", make) / "one"
 
 
 def test_run_does_everything_in_one_go(finished: Path) -> None:
@@ -126,29 +131,31 @@ def test_commands_one_by_one_give_the_same_as_run(finished: Path, scene_file: Pa
         assert names(folder / "figures") == names_of
 
 
-def test_settings_can_be_changed_after_rendering_but_not_the_scene(finished: Path) -> None:
-    done = scenetruth("estimate", finished, "--overwrite", "--setting", "window_sigma_px=4")
+def test_settings_can_be_changed_after_rendering_but_not_the_scene(finished: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(finished, run)
+    done = scenetruth("estimate", run, "--overwrite", "--setting", "window_sigma_px=4")
     assert done.returncode == 0, done.stderr
-    assert json.loads(st.load_store(finished / "estimate.zarr").attrs["settings"])["window_sigma_px"] == 4
+    assert json.loads(st.load_store(run / "estimate.zarr").attrs["settings"])["window_sigma_px"] == 4
     assert "score.json, score.csv, report.html, figures" in done.stderr
     assert "are out of date" in done.stderr
-    done = scenetruth("estimate", finished, "--overwrite", "--setting", "width")
+    done = scenetruth("estimate", run, "--overwrite", "--setting", "width")
     assert done.returncode == 2
     assert "--setting: must be NAME=VALUE" in done.stderr
-    done = scenetruth("score", finished, "--overwrite", "--set", "camera.width=4")
+    done = scenetruth("score", run, "--overwrite", "--set", "camera.width=4")
     assert done.returncode == 2
     assert "only fields of 'score' can be changed after rendering" in done.stderr
-    done = scenetruth("score", finished, "--overwrite", "--set", "score.interior_margin_px=5")
+    done = scenetruth("score", run, "--overwrite", "--set", "score.interior_margin_px=5")
     assert done.returncode == 0, done.stderr
-    assert json.loads((finished / "score.json").read_text())["metadata"]["margin_px"] == 5
+    assert json.loads((run / "score.json").read_text())["metadata"]["margin_px"] == 5
     assert "all regions, RMSE" in done.stdout
     changes = ("--set", "score.growth_window_px=9", "--set", "score.slope_classes_deg=[0, 30, 90]")
-    done = scenetruth("score", finished, "--overwrite", *changes)
+    done = scenetruth("score", run, "--overwrite", *changes)
     assert done.returncode == 0, done.stderr
-    content = json.loads((finished / "score.json").read_text())
+    content = json.loads((run / "score.json").read_text())
     assert content["metadata"]["score_settings"]["growth_window_px"] == 9
     assert {"slope_0_30", "slope_30_90"} == {name for name in content if name.startswith("slope")}
-    done = scenetruth("score", finished, "--overwrite", "--set", "score.growth_window_px=0")
+    done = scenetruth("score", run, "--overwrite", "--set", "score.growth_window_px=0")
     assert done.returncode == 2
     assert "score.growth_window_px" in done.stderr
 
