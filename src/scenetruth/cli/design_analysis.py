@@ -113,15 +113,15 @@ def _print_budget(found: Budget, region: str) -> None:
         total = found.combined(quantity, region)
         heading = f"{get_title(quantity)}, {format_unit(total.unit)}, {region}"
         table = Table(title=visible(heading, lines=False), title_justify="left")
-        table.add_column("cause")
-        table.add_column("size", overflow="fold")
-        for name in ("part", "predicted", "simulated"):
+        table.add_column("source")
+        table.add_column("magnitude", overflow="fold")
+        for name in ("contribution", "predicted", "simulated"):
             table.add_column(name, justify="right")
         for one in found.contributions(quantity, region):
             values = (one.value, one.predicted, one.simulated)
             cells = (one.title, one.size, *(format_contribution(value, total.root_sum_square) for value in values))
             table.add_row(*(visible(cell, lines=False) for cell in cells))
-        table.add_row("root of the sum of squares", "", format_two_digits(total.root_sum_square), "", "")
+        table.add_row("root sum of squares", "", format_two_digits(total.root_sum_square), "", "")
         table.add_row("all sources", "", "", "", format_two_digits(total.simulated))
         make_console().print(table)
     for line in (*found.summary(region).splitlines(), *found.failures):

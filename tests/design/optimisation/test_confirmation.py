@@ -151,7 +151,9 @@ def test_few_figures() -> None:
 @pytest.mark.parametrize(
     ("simulated", "notable", "words"),
     [
-        (PredictionInterval(1.1, 1.0, 1.2, 4), False, "factor 1.10"),
+        (PredictionInterval(1.1, 1.0, 1.2, 4), False, "within the scatter of 4 seeds (factor 1.10)"),
+        # The scatter does not explain the difference, which is small.
+        (PredictionInterval(1.24, 1.13, 1.37, 5), False, "a factor of 1.24, not notable"),
         (PredictionInterval(2.0, 1.8, 2.2, 4), True, "2.0 times the prediction"),
         (PredictionInterval(0.5, 0.4, 0.6, 4), True, "0.50 times the prediction"),
         # Seeds differ too much to tell.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -102,6 +103,7 @@ def test_assumptions_name_what_was_taken_for_granted(facts: RigContext) -> None:
     for expected in (
         "predictions are standard deviations due to noise",
         "the illuminance is 500 lux",
+        "the light is constant: flicker and drift of the lamps are not included",
         "motions specified per frame",
         "in the simulations: less of it",
         "sensitivity by Morris excludes 25 %",
@@ -111,5 +113,16 @@ def test_assumptions_name_what_was_taken_for_granted(facts: RigContext) -> None:
         assert expected in told
     listed = list_assumptions(DesignSpec.from_dict(given), facts, (), (0.0, 0.0), (), confirmed=True)
     assert "none of these searches has ended at a better predicted rig" in listed[0]
+    lit = Scene.from_dict({**facts.scene.to_dict(), "lighting": {"flicker": {"amplitude": 0.02, "period_frames": 3.3}}})
+    changing = list_assumptions(
+        DesignSpec.from_dict(given), replace(facts, scene=lit), (), (0.0, 0.0), (), confirmed=True
+    )
+    assert "the light has a flicker of ± 2 %, which the simulations include and predictions do not" in changing
+    # Half of the mean wavelength, as for the rule of speckles, and by the scale of the images in mm.
+    (texture,) = [line for line in listed if line.startswith("the texture")]
+    size_px, size_mm = map(float, re.findall(r"([\d.]+) (?:px|mm)", texture)[:2])
+    assert rules(facts)["speckle size"].here.startswith(f"{size_px:.1f} px")
+    # Both are rounded to two digits, by up to 5 %.
+    assert size_mm / size_px == pytest.approx(facts.depth_mm / facts.scene.camera.focal_px, rel=0.1)
     # They are part of the predictions of a search.
     assert "stage errors are not included" not in listed

@@ -66,8 +66,10 @@ def compare_with_prediction(
     notable = not 1 / _NOTABLE_FACTOR <= ratio <= _NOTABLE_FACTOR and not (inside and simulated.seeds > 1)
     text = f"{objective.title}: {objective.statistic_title} simulated {simulated.value:.3g}, "
     text += f"predicted for these images {predicted:.3g} {objective.unit}"
-    if not notable:
+    if not notable and inside:
         says = f"{text}: consistent within the scatter of {simulated.seeds} seeds (factor {ratio:.2f})"
+    elif not notable:
+        says = f"{text}: a factor of {ratio:.2f}, not notable: half of all predictions are within 30 %"
     elif ratio > 1:
         says = f"{text}: {ratio:.1f} times the prediction, which includes noise and stage errors but not method bias"
     else:

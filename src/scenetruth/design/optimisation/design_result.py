@@ -162,7 +162,8 @@ def _compared(discrepancies: Sequence[Discrepancy]) -> Iterator[str]:
     if notable:
         yield f"{len(notable)} of {len(discrepancies)} simulated values differ notably from their prediction"
     elif discrepancies:
-        yield f"all {len(discrepancies)} simulated values agree with their prediction within the scatter of seeds"
+        count = len(discrepancies)
+        yield f"all {count} simulated values agree with their prediction, within the scatter of seeds or 30 %"
     yield from (f"rig {one.rig}: {one.says}" for one in notable)
 
 

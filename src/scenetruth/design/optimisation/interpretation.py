@@ -35,6 +35,8 @@ from scenetruth.number_format import format_number, format_value
 from scenetruth.scene import Scene
 
 __all__ = [
+    "LIGHT",
+    "TEXTURE",
     "check_rules_of_thumb",
     "compute_local_sensitivities",
     "describe_limiting_factors",
@@ -281,6 +283,8 @@ def _lines(
                 f"{format_number(residual_px, 2)} px, or up to {format_number(off, 2)} mm of depth, "
                 "varying over the image"
             )
+    yield describe_texture(facts)
+    yield describe_light(facts)
     if facts.camera is not None and spec.light is None:
         yield "the illumination is adapted to the camera: a white surface gives 80 % of full scale"
     if spec.light is not None:
@@ -302,6 +306,38 @@ def _lines(
     if idle:
         names = ", ".join(map(title_parameter, idle))
         yield f"no effect on any objective: {names}; their values follow from constraints or are arbitrary"
+
+
+def describe_texture(facts: RigContext) -> str:
+    """Return the size and the contrast of the texture that a prediction assumes."""
+    causes = facts.causes
+    feature_px = causes.wavelength_px / 2
+    feature_mm = feature_px * causes.depth_mm / facts.scene.camera.focal_px
+    contrast = 100 * causes.contrast / causes.grey_level if causes.grey_level > 0 else math.nan
+    size = f"{format_number(feature_px, 2)} px, {format_number(feature_mm, 2)} mm on the surface"
+    return (
+        f"{TEXTURE} has features of {size} "
+        f"(half the mean wavelength), and an RMS contrast of {format_number(contrast, 2)} % of the mean grey value in "
+        "the images. Half the contrast doubles the standard deviations due to image noise"
+    )
+
+
+def describe_light(facts: RigContext) -> str:
+    """Return the changes of light that simulations include."""
+    light = facts.scene.lighting
+    drift = [f"drift of {100 * light.drift_per_frame:g} % per frame"] if light.drift_per_frame else []
+    flicker = [f"flicker of ± {100 * light.flicker.amplitude:g} %"] if light.flicker else []
+    if drift or flicker:
+        return f"{LIGHT} has a {' and a '.join(drift + flicker)}, which the simulations include and predictions do not"
+    return (
+        f"{LIGHT} is constant: flicker and drift of the lamps are not included. Their contribution: set "
+        "lighting.flicker in the scene file, for example {amplitude: 0.01, period_frames: 3.3}, and run "
+        "scenetruth design budget"
+    )
+
+
+TEXTURE, LIGHT = "the texture", "the light"
+"""First words of the assumptions about texture and light, which the report shows with the rig."""
 
 
 def _has_rates(plain: Any) -> bool:

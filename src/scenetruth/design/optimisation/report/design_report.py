@@ -25,6 +25,7 @@ from scenetruth.design.optimisation.design_result import (
     describe_rank_consistency,
     write_screening_table,
 )
+from scenetruth.design.optimisation.interpretation import LIGHT, TEXTURE
 from scenetruth.design.optimisation.report.design_charts import build_front_charts, build_sensitivity_charts
 from scenetruth.design.optimisation.report.design_tables import (
     build_constraint_table,
@@ -158,6 +159,7 @@ def list_equal_rigs(design: DesignResult) -> list[int]:
 
 
 _DISTORTION = "the distortion residual after calibration is not included"
+_WITH_RIG = (f"{TEXTURE} ", f"{LIGHT} ")
 
 
 def list_warnings(design: DesignResult) -> list[tuple[str, str]]:
@@ -308,6 +310,8 @@ def write_design_page(design: DesignResult, folder: str | Path) -> Path:
         drawn=describe_side_view(view),
         outlines=list(zip(view.outlines, assign_colours(view), strict=True)),
         bought=list(describe_standard_lens(design.standard_lens, design.objectives, design.recommended)),
+        required=[f"{line[:1].upper()}{line[1:]}" for line in design.assumptions if line.startswith(_WITH_RIG)],
+        assumptions=[line for line in design.assumptions if not line.startswith(_WITH_RIG)],
         parameters=build_parameter_table(design),
         file=build_scene_file(design.recommended, "recommended.yaml"),
         cost=describe_cost(Scene.from_dict(design.recommended.scene)),
