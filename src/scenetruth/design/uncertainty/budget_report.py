@@ -227,7 +227,9 @@ bars simulated.{% endif %}</p>
 {{ plots(waterfalls) }}
 <h2>All contributions</h2>
 <p>The signed sum per pixel is the RMS of the sum of all contributions with their signs. It differs from the root sum of
-squares where biases cancel or add up.</p>
+squares where biases cancel or add up. A contribution is simulated where a simulation exists, and predicted otherwise;
+slanted and curved surfaces contribute the part of the error with ideal images that correlates with their prediction,
+which may be larger or smaller.</p>
 {% for table in tables %}
 {{ sortable(table) }}
 {% endfor %}
