@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import weakref
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -10,7 +12,15 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import scenetruth as st
-from scenetruth.estimators.refined import between, blank_fit, every_other, find_remainders, with_bias
+from scenetruth.estimators.refined import (
+    MotionModelTrial,
+    between,
+    blank_fit,
+    choose_motion_model,
+    every_other,
+    find_remainders,
+    with_bias,
+)
 from scenetruth.schema.variables import MOTION_ACCELERATED, MOTION_ACCELERATED_IN_PART, MOTION_AFFINE, MOTION_PLAIN
 from tests.helpers.nightly import by_night, nightly
 from tests.helpers.wavy_plane import MovingPlane
@@ -158,3 +168,20 @@ def test_every_other_pixel_tells_of_its_neighbours() -> None:
     assert found.shape == (5, 7)
     np.testing.assert_array_equal(found[::2, ::2], thinned.theta[0] > 10)
     np.testing.assert_array_equal(found[1::2], found[:-1:2])
+
+
+def test_a_trial_is_released_before_the_next_one_is_fitted() -> None:
+    shape = (20, 24)
+    held: list[weakref.ref[Any]] = []
+
+    def trials() -> Iterator[MotionModelTrial]:
+        for _ in range(3):
+            assert all(one() is None for one in held)
+            trial = [MotionModelTrial(blank_fit(np.zeros((15, *shape)), variances=True), True, lambda _: None)]
+            held.append(weakref.ref(trial[0].fit.theta))
+            yield trial.pop()
+
+    plain, where = blank_fit(np.zeros((15, *shape)), variances=True), [np.zeros(shape, dtype=bool)] * 3
+    _, which = choose_motion_model(plain, trials(), where, 2.0, 1.0)
+    assert len(held) == 3
+    assert not which.any()

@@ -59,7 +59,11 @@ if TYPE_CHECKING:
         find_far,
         of_nearest_node,
     )
-    from scenetruth.estimators.refined.motion_model_selection import find_remainders
+    from scenetruth.estimators.refined.motion_model_selection import (
+        MotionModelTrial,
+        choose_motion_model,
+        find_remainders,
+    )
     from scenetruth.estimators.refined.neighbouring_motion import neighbouring_differences
     from scenetruth.estimators.refined.noise_estimation import (
         EVEN,
@@ -129,6 +133,7 @@ __all__ = [
     "Linearisation",
     "MeanImage",
     "Model",
+    "MotionModelTrial",
     "OtherViews",
     "Quantities",
     "RefinedState",
@@ -145,6 +150,7 @@ __all__ = [
     "blank_fit",
     "change_at_scales",
     "choose_frames_beyond",
+    "choose_motion_model",
     "choose_tiles",
     "combine_displacements",
     "compare_growth",
@@ -254,7 +260,7 @@ __getattr__, __dir__ = export_lazily(
         "light_edges": "FrameDifferences compare_velocities",
         "mean_image": "MeanImage find_outlines",
         "model_tests": "Alternative Linearisation at_nodes enlarged find_far of_nearest_node",
-        "motion_model_selection": "find_remainders",
+        "motion_model_selection": "MotionModelTrial choose_motion_model find_remainders",
         "neighbouring_motion": "neighbouring_differences",
         "noise_estimation": (
             "EVEN GreyVariance estimate_variance photon_transfer_variance resampled_transfer spline_transfer"

@@ -141,8 +141,10 @@ def choose_motion_model(
     ``noise_ratio``: Variance of the parameters by noise relative to that which the fits state.
     """
     which = np.zeros(plain.theta.shape[1:], dtype=np.int8)
-    fit = plain
-    for number, (trial, tried) in enumerate(zip(trials, where, strict=True), 1):
+    fit, number = plain, 0
+    # `zip` and `enumerate` would keep a trial while the next one is fitted.
+    for trial in trials:
+        tried, number = where[number], number + 1
         pair = at_nodes(fit, step), at_nodes(trial.fit, step)
         among, sigma = tried[::step, ::step], _WIDER * sigma_px / step
         other = tried & explained(trial.fit.residual[0], trial.fit.residual[1], noise)
@@ -157,6 +159,7 @@ def choose_motion_model(
         fit = chosen_fit(other, trial.fit, fit)
         which[other] = number
         trial.take(other)
+        del trial, pair
     return fit, which
 
 
@@ -232,7 +235,10 @@ def refit_motion_models(refined: RefinedState, settings: RefinedSettings) -> Ref
             growth = None
             if _compares_growth(refined.fit, motion):
                 growth = compare_growth(refined.fit, fit, sigma, where, images.transfer).significant
-            yield MotionModelTrial(fit, motion.images is images, take, growth)
+            trial = [MotionModelTrial(fit, motion.images is images, take, growth)]
+            # A trial is released before the next one is fitted: each holds all maps of a fit.
+            del fit, last, now, take
+            yield trial.pop()
 
     noise = settings.max_residual_ratio * images.residual_noise(refined.fit.residual[0], of_plain=True)
     fit, which = choose_motion_model(
