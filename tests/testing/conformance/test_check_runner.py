@@ -9,6 +9,7 @@ from unittest import SkipTest
 import numpy as np
 import pytest
 import xarray as xr
+from scipy import ndimage
 
 import scenetruth as st
 import scenetruth.testing
@@ -136,6 +137,23 @@ def test_methods_that_need_more_get_more() -> None:
     watching.needs = Needs(cameras=4, frames=6, channels=3)  # type: ignore[attr-defined]
     check_estimator(watching, only="declared_outputs")
     assert seen == [(5, 7, 56, 72, 3)]
+
+
+def test_excluded_pixels_have_no_influence() -> None:
+    def steady(recording: xr.Dataset) -> dict[str, Any]:
+        return far_away(recording)
+
+    def disturbed(recording: xr.Dataset) -> dict[str, Any]:
+        found = far_away(recording)
+        if "exclusion_mask" in recording:
+            found["depth"][:, ndimage.binary_dilation(recording["exclusion_mask"].values, iterations=5)] += 1e4
+        return found
+
+    for method in (steady, disturbed):
+        method.needs = Needs(exclusion_mask=True)  # type: ignore[attr-defined]
+    assert check_estimator(steady, only="exclusion_mask").passed == ("exclusion_mask",)
+    with pytest.raises(ConformanceError, match="give masked pixels no weight"):
+        check_estimator(disturbed, only="exclusion_mask")
 
 
 def test_what_cannot_be_estimated_is_told_once() -> None:

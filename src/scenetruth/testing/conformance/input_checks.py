@@ -60,7 +60,7 @@ def check_exclusion_mask(bench: ConformanceBench) -> None:
     mask[square] = True
     pattern = np.indices((_MASK_SIDE_PX, _MASK_SIDE_PX)).sum(axis=0) % 2
     images[(slice(None), slice(None), *square)] = pattern if images.ndim == 4 else pattern[..., None]
-    found = bench.estimate(bench.plane.recording(images, mask=mask))
+    found = bench.estimate(bench.plane.recording(images, exclusion_mask=mask))
     around = np.zeros((height, width), dtype=bool)
     around[
         row - _MASK_MARGIN_PX : row + _MASK_SIDE_PX + _MASK_MARGIN_PX,
