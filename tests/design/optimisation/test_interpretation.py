@@ -6,8 +6,10 @@ import re
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
+import scenetruth as st
 from scenetruth.design.optimisation import (
     DesignSpace,
     DesignSpec,
@@ -23,6 +25,7 @@ from scenetruth.design.optimisation import (
 )
 from scenetruth.design.prediction import predict
 from scenetruth.scene import Scene
+from tests.helpers.nightly import nightly
 from tests.helpers.small_specification import objective, scene, spec
 
 
@@ -103,7 +106,7 @@ def test_assumptions_name_what_was_taken_for_granted(facts: RigContext) -> None:
     for expected in (
         "predictions are standard deviations due to noise",
         "the illuminance is 500 lux",
-        "the light is constant: flicker and drift of the lamps are not included",
+        "the light is constant. Flicker of all lamps together costs nothing with refined",
         "motions specified per frame",
         "in the simulations: less of it",
         "sensitivity by Morris excludes 25 %",
@@ -126,3 +129,38 @@ def test_assumptions_name_what_was_taken_for_granted(facts: RigContext) -> None:
     assert size_mm / size_px == pytest.approx(facts.depth_mm / facts.scene.camera.focal_px, rel=0.1)
     # They are part of the predictions of a search.
     assert "stage errors are not included" not in listed
+
+
+@nightly
+@pytest.mark.parametrize("seed", [1, 2])
+def test_flicker_costs_what_the_assumption_states(seed: int) -> None:
+    plain = {
+        "camera": {"width": 160, "height": 120, "focal_length_px": 1000.0},
+        "stage": {"positions": 5, "baseline_mm": 5.0},
+        "frames": {"count": 5},
+        "render": {"backend": "raycast"},
+        "objects": [
+            {
+                "name": "sheet",
+                "mesh": {"kind": "plane", "size_mm": [300, 240], "resolution_mm": 12.0},
+                "pose": {"position_mm": [0, 0, 600], "rotations": [{"axis": [0, 1, 0], "angle_deg": 15}]},
+                "texture": {"kind": "noise", "wavelength_mm": [2.4, 12], "rms_contrast": 0.2},
+                "motion": [{"kind": "velocity", "velocity_mm_per_frame": [0.2, 0.1, -0.3]}],
+            }
+        ],
+        "sensor": {"bit_depth": 8, "noise_std": 0.005},
+        "seed": seed,
+    }
+
+    def rmse(method: str, amplitude: float) -> dict[str, float]:
+        light = {"lighting": {"flicker": {"amplitude": amplitude, "period_frames": 3.3}}} if amplitude else {}
+        recording, truth = st.simulate(Scene.from_dict(plain | light))
+        found = st.score(st.estimate(recording, method), truth, settings={"interior_margin_px": 12})
+        return {name: found.regions["interior"][name]["rmse"] for name in ("depth", "velocity_x", "velocity_z")}
+
+    still = rmse("refined", 0.0)
+    for amplitude in (0.01, 0.05):
+        changed = rmse("refined", amplitude)
+        assert np.array([changed[name] / still[name] for name in still]) == pytest.approx(1.0, abs=0.1)
+    before, after = rmse("structure_tensor", 0.0), rmse("structure_tensor", 0.01)
+    assert min(after[name] / before[name] for name in ("velocity_x", "velocity_z")) > 2.9
