@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import gc
+from dataclasses import dataclass
+from typing import Any, cast
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from scenetruth.render import sampling_rules
 from scenetruth.render.sampling_rules import (
@@ -140,6 +145,36 @@ def test_scenes_that_are_built_again_need_no_further_search(monkeypatch: pytest.
     assert not searches
     compute_longest_steps([other], 2e-4)
     assert searches == [other]
+
+
+@dataclass(frozen=True)
+class Flat:
+    """A texture that equals others with its value."""
+
+    value: float
+    shape = (2, 2)
+    tiled = True
+
+    def radiance(self, uv: NDArray[np.float64]) -> NDArray[np.float32]:
+        return np.full(len(uv), self.value, dtype=np.float32)
+
+
+def test_errors_outlive_an_equal_texture() -> None:
+    first = [Flat(0.25)]
+    compute_rule_errors(cast("Any", first))
+
+    class Releasing(Flat):
+        def radiance(self, uv: NDArray[np.float64]) -> NDArray[np.float32]:
+            first.clear()
+            gc.collect()
+            return super().radiance(uv)
+
+    again = cast("Any", [Flat(0.25), Releasing(0.5)])
+    errors = compute_rule_errors(again)
+    assert not first
+    # A uniform texture has no error.
+    assert errors.shape[:2] == (2, 1 + len(GAUSS_ORDERS))
+    assert np.abs(errors).max() < 1e-6
 
 
 def test_the_longest_steps_are_those_within_the_errors() -> None:

@@ -206,10 +206,12 @@ def compute_rule_errors(textures: Sequence[SurfaceTexture]) -> Floats:
     # The same rules for all bands, unless they would be too coarse for a band that is brighter than the texture.
     tinted = [item if isinstance(item, TintedTexture) else TintedTexture(item, 1.0) for item in textures]
     wanted = [(item.untinted, max(item.factor, 1.0)) for item in tinted]
-    missing = [item for item, _ in wanted if not _steps_of(item).errors]
+    # Held here: a texture shares the entry of an equal one, with which it ends.
+    known = [_steps_of(item) for item, _ in wanted]
+    missing = [(item, steps) for (item, _), steps in zip(wanted, known, strict=True) if not steps.errors]
     if missing:
         _remember(missing)
-    return np.stack([factor * _steps_of(item).errors[0] for item, factor in wanted])
+    return np.stack([factor * steps.errors[0] for (_, factor), steps in zip(wanted, known, strict=True)])
 
 
 def step_indices(steps: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
@@ -220,11 +222,11 @@ def step_indices(steps: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
 
 
 @with_one_blas_thread
-def _remember(missing: Sequence[SurfaceTexture]) -> None:
+def _remember(missing: Sequence[tuple[SurfaceTexture, _Steps]]) -> None:
     """Find the errors of textures; together, because the limit of threads takes some ms."""
-    for item in missing:
-        if not _steps_of(item).errors:
-            _steps_of(item).errors.append(_rule_errors(item))
+    for item, steps in missing:
+        if not steps.errors:
+            steps.errors.append(_rule_errors(item))
 
 
 def _rule_errors(texture: SurfaceTexture) -> Floats:

@@ -156,7 +156,8 @@ def test_flicker_costs_what_the_assumption_states(seed: int) -> None:
         light = {"lighting": {"flicker": {"amplitude": amplitude, "period_frames": 3.3}}} if amplitude else {}
         recording, truth = st.simulate(Scene.from_dict(plain | light))
         found = st.score(st.estimate(recording, method), truth, settings={"interior_margin_px": 12})
-        return {name: found.regions["interior"][name]["rmse"] for name in ("depth", "velocity_x", "velocity_z")}
+        interior = found.regions["interior"]
+        return {name: float(interior[name]["rmse"] or 0) for name in ("depth", "velocity_x", "velocity_z")}
 
     still = rmse("refined", 0.0)
     for amplitude in (0.01, 0.05):
