@@ -329,12 +329,12 @@ def describe_light(facts: RigContext) -> str:
     flicker = [f"flicker of ± {100 * light.flicker.amplitude:g} %"] if light.flicker else []
     if drift or flicker:
         return f"{LIGHT} has a {' and a '.join(drift + flicker)}, which the simulations include and predictions do not"
-    # RMS errors of a tilted plane, 160 x 120 px, 5 positions and frames, noise 0.5 %: tests/design/optimisation.
+    # RMS errors of a tilted plane, 160 x 120 px, 5 positions and frames: tests/design/optimisation.
     return (
         f"{LIGHT} is constant. Flicker of all lamps together costs nothing with refined, which estimates the gain of "
         "every image: up to ± 5 %, its errors change by less than 10 %. With structure_tensor, ± 1 % multiplies the "
-        "errors of velocity by 3 or more. Its contribution in this scene: set lighting.flicker or "
-        "lighting.drift_per_frame in the scene file, and run scenetruth design budget"
+        "errors of velocity by 3 or more (image noise 0.5 %, contrast 20 %). Its contribution in this scene: set "
+        "lighting.flicker or lighting.drift_per_frame in the scene file, and run scenetruth design budget"
     )
 
 
