@@ -19,7 +19,15 @@ from scenetruth.dataset.fingerprint import DatasetFingerprint, open_sampler, rea
 from scenetruth.dataset.layout import RECORDING, SCENE, TRUTH, DatasetFolder, compute_shard_number, extract_sample
 from scenetruth.dataset.sampler import HELD_OUT
 from scenetruth.dataset.samples import SampleStore
-from scenetruth.dataset.training_data import MAPS, FlowPairs, StereoPairs, TensorsOf, check_maps, import_torch
+from scenetruth.dataset.training_data import (
+    MAPS,
+    FlowPairs,
+    StereoPairs,
+    TensorsOf,
+    check_maps,
+    import_torch,
+    list_maps,
+)
 from scenetruth.errors import ArgumentError, Problem, RecipeError, StoreError
 from scenetruth.pipeline import RunDirectory
 from scenetruth.scene import Scene, load_scene
@@ -208,9 +216,7 @@ class SceneDataset(Sequence[Any]):
         is no value; ``sample``: its number. Samples of equal shape form batches without a ``collate_fn``.
         """
         import_torch()
-        names = (maps,) if isinstance(maps, str) else tuple(maps)
-        if len(self):
-            check_maps(self.sample(0), names)
+        names = check_maps(self.sample(0), maps) if len(self) else list_maps(maps)
         return SceneDataset(self.folder, self.catalogue, TensorsOf(names))
 
     def flow_pairs(self, frame: int = 0, camera: int = 0, motion: FlowKind = "finite") -> FlowPairs:

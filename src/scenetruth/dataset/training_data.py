@@ -31,7 +31,9 @@ __all__ = [
     "ImagePair",
     "StereoPairs",
     "TensorsOf",
+    "check_maps",
     "import_torch",
+    "list_maps",
     "read_arrays",
     "write_webdataset",
 ]
@@ -98,9 +100,14 @@ def read_arrays(sample: SampleData, maps: str | Sequence[str] = MAPS) -> dict[st
     return found
 
 
+def list_maps(maps: str | Sequence[str]) -> tuple[str, ...]:
+    """Return the names of maps, also of a single one."""
+    return (maps,) if isinstance(maps, str) else tuple(maps)
+
+
 def check_maps(sample: SampleData, maps: str | Sequence[str]) -> tuple[str, ...]:
-    """Return the names of maps, also of a single one; raise if the truth of a sample does not contain them."""
-    names = (maps,) if isinstance(maps, str) else tuple(maps)
+    """Return the names of maps; raise if the truth of a sample does not contain them."""
+    names = list_maps(maps)
     if missing := [name for name in names if name not in sample.truth]:
         there = ", ".join(sorted(map(str, sample.truth.data_vars)))
         problems = [Problem("maps", f"is not in the truth, which contains {there}", name) for name in missing]
@@ -312,9 +319,7 @@ def write_webdataset(
     """
     if samples_per_shard < 1:
         raise ArgumentError([Problem("samples_per_shard", "must be at least 1", samples_per_shard)])
-    maps = (maps,) if isinstance(maps, str) else tuple(maps)
-    if len(dataset):
-        read_arrays(dataset.sample(0), maps)
+    maps = check_maps(dataset.sample(0), maps) if len(dataset) else list_maps(maps)
     plan = _plan_shards(dataset, samples_per_shard)
     identity = {
         "data_set": [dataset.identity.recipe_hash, dataset.identity.backend],
