@@ -95,7 +95,7 @@ def _print_precision(scene: Scene, parts: Sequence[ObjectWorkload], *, shown: bo
             print(f"precision is not predicted: {'; '.join(map(str, error.problems))}", file=sys.stdout)
         return []
     table = Table(title=f"predicted precision per pixel, {found.method}", title_justify="left")
-    for heading in ("", "precision", "value", "ratio"):
+    for heading in ("", "precision", "true RMS", "ratio"):
         table.add_column(heading, justify="left" if not heading else "right")
     for region in _most_moving(found):
         name = region.removeprefix("object_")

@@ -196,7 +196,7 @@ def _prediction_settings(given: list[str] | None) -> dict[str, Any]:
 
 
 def precision_rows(prediction: Prediction, region: str) -> list[tuple[str, str, str, str]]:
-    """Return quantity, precision, measured value, and their ratio."""
+    """Return quantity, precision, RMS of the true motion or growth, and their ratio."""
     from scenetruth.design.prediction.prediction_result import TITLES
 
     rows = []
@@ -225,7 +225,7 @@ def _print_prediction(prediction: Prediction, region: str) -> None:
     of = "minimum standard deviation" if prediction.method == "refined" else "standard deviation"
     table = Table(title=visible(f"{region}: {of} per pixel, {prediction.method}", lines=False), title_justify="left")
     table.add_column("quantity")
-    for heading in ("precision", "value", "ratio"):
+    for heading in ("precision", "true RMS", "ratio"):
         table.add_column(heading, justify="right")
     for row in precision_rows(prediction, region):
         table.add_row(*map(visible, row))
