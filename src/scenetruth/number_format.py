@@ -167,7 +167,8 @@ def format_measured(value: float | None, uncertainty: float | None, digits: int 
         return format_number(value, digits)
     last = min(_power_of(uncertainty) - 1, math.floor(math.log10(abs(value))))
     shown = round(value, -last) or value
-    return format_number(shown, max(1, min(digits, _power_of(shown) - last + 1)))
+    first = math.floor(math.log10(abs(shown)))
+    return format_number(shown, max(1, min(digits, first - last + 1)))
 
 
 def format_with_std(value: float, std: float, digits: int = 9) -> str:
@@ -177,6 +178,8 @@ def format_with_std(value: float, std: float, digits: int = 9) -> str:
     ('601.240 ± 0.087', '0.39106 ± 0.00070', '1700.299 ± 0.097')
     >>> format_with_std(5.7369e-05, 2.5e-05), format_with_std(-1.36e-05, 3.6e-05), format_with_std(0.0, 0.0)
     ('(5.7 ± 2.5) × 10⁻⁵', '(−1.4 ± 3.6) × 10⁻⁵', '0 ± 0')
+    >>> format_with_std(99.9937, 0.0043), format_with_std(9.96, 0.21), format_with_std(999.97, 0.24)
+    ('99.9937 ± 0.0043', '9.96 ± 0.21', '999.97 ± 0.24')
     """
     texts = [format_measured(value, std, digits), format_number(std, 2)]
     largest = max(abs(value), abs(std))

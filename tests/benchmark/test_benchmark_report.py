@@ -16,6 +16,7 @@ from scenetruth.benchmark.benchmark_report import (
     describe_densities,
     describe_margins,
     describe_method,
+    describe_ties,
     select_worst_regions,
     write_benchmark_report,
 )
@@ -198,6 +199,37 @@ def test_margins_and_densities_are_those_of_the_rows() -> None:
     assert describe_margins(told_by(("mine", 0.02), ("theirs", 0.02))) == {}
 
 
+def with_intervals(*methods: tuple[str, float, list[tuple[float, float]]]) -> BenchmarkResult:
+    """Return errors of the noise case for all methods, with a confidence interval at each level."""
+    case = all_cases()["noise"]
+    quantity, statistic = case.headline
+    found = [
+        BenchmarkRecord(case.kind, level, label, quantity, METHOD_VALID, statistic, value, low, high)
+        for label, value, intervals in methods
+        for level, (low, high) in enumerate(intervals)
+    ]
+    return BenchmarkResult([label for label, *_ in methods], [case], found)
+
+
+def test_methods_whose_intervals_overlap_are_not_ranked(tmp_path: Path) -> None:
+    low = ("low", 0.02, [(0.018, 0.022)] * 2)
+    for high, tied in (((0.021, 0.03), True), ((0.023, 0.03), False), ((-0.03, -0.021), True), ((-0.03, 0.01), True)):
+        found = with_intervals(low, ("high", 0.025, [high] * 2))
+        assert describe_ties(found) == (["Noise floor"] if tied else [])
+        assert describe_margins(found) == ({} if tied else {"low": [("Noise floor", "1.2")]})
+    # One of three levels does not decide; missing intervals do not either.
+    apart, over = (0.03, 0.04), (0.02, 0.03)
+    three = ("low", 0.02, [(0.018, 0.022)] * 3)
+    assert not describe_ties(with_intervals(three, ("high", 0.025, [over, apart, apart])))
+    assert not describe_ties(with_intervals(low, ("high", 0.025, [(math.nan, math.nan)] * 2)))
+    page = write_benchmark_report(
+        with_intervals(low, ("high", 0.025, [over] * 2)), [["low"], ["high"]], tmp_path, "core"
+    )
+    text = without_definitions(page.read_text("utf-8"))
+    assert "The best two methods cannot be distinguished in 1 of 1 case (Noise floor)" in text
+    assert "is the most accurate method" not in text
+
+
 def stating(shares: dict[float, float], kept: dict[float, float]) -> list[str]:
     """Return what is stated of a method with this coverage and this sparsification curve."""
     case = all_cases()["noise"]
@@ -235,8 +267,8 @@ def test_pictures_of_errors_have_the_scale_of_their_errors() -> None:
     (one,) = select_worst_regions(BenchmarkResult(["mine"], [case], rows), maps)
     assert float(one.limit) == pytest.approx(float(np.nanpercentile(np.abs(errors), 98)), rel=0.05)
     assert one.title.replace("\N{NO-BREAK SPACE}", " ") == (
-        "Noise floor, image noise (standard deviation) 0.02 of full scale: disparity valid at 50 % of the pixels, all "
-        "of them within 0.1 px"
+        "Noise floor, image noise (standard deviation) 0.02 of full scale: disparity valid at 50 % of the "
+        "evaluated pixels, all of them within 0.1 px"
     )
 
 

@@ -86,6 +86,14 @@ def test_a_program_is_ahead_on_the_levels_that_it_has_and_with_half_of_the_pixel
     assert rows["ratio"].tolist() == pytest.approx([0.25, 0.75])
 
 
+def test_steps_of_a_program_that_coincide_with_a_constant_truth_do_not_count() -> None:
+    own = method("refined_4", BUILT_IN, [("slope", "30", "disparity", 0.1, 80.0)])
+    steps = method("steps", PROGRAM, [("slope", "30", "disparity", 6e-16, 100.0)])
+    good = method("good", PROGRAM, [("slope", "30", "disparity", 0.05, 80.0)])
+    found = losses([own, steps, good]).query("statistic == 'rmse'")
+    assert dict(zip(found["program"], found["counts"], strict=True)) == {"steps": False, "good": True}
+
+
 def test_relative_values_are_those_of_medians_of_all_programs() -> None:
     own = method(
         "refined_4", BUILT_IN, [("slope", "30", "disparity", 0.1, 80.0), ("slope", "60", "disparity", 0.3, 80.0)]

@@ -57,6 +57,9 @@ QUESTIONS = {
     "out of memory": "results/scaling",
     "how do I cite this": "index",
     "matlab": "how_to/export",
+    "jupyter notebook": "how_to/use_from_python",
+    "plot a profile": "how_to/use_from_python",
+    "two camera directions": "reference/scene_file/stage",
     # Words of a question, and words that the page lacks, hide no page.
     "how many frames do I need": "how_to/optimise_a_rig",
     "import my own mesh": "tutorials/02_own_mesh",

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenetruth.benchmark.benchmark_result import BenchmarkResult
-from scenetruth.benchmark.cases.case import ALL, BOUND, SUITES, BenchmarkRecord, Case
+from scenetruth.benchmark.benchmark_result import BenchmarkResult, RankedMethod
+from scenetruth.benchmark.cases.case import ALL, BOUND, COMMON_VALID, METHOD_VALID, SUITES, BenchmarkRecord, Case
 from scenetruth.benchmark.design_point import PICTURED_QUANTITIES, CaseErrorMaps
 from scenetruth.benchmark.error_statistics import INLIER_PX
 from scenetruth.benchmark.ranking_charts import (
@@ -38,6 +38,7 @@ __all__ = [
     "describe_densities",
     "describe_margins",
     "describe_method",
+    "describe_ties",
     "select_worst_regions",
     "write_benchmark_report",
 ]
@@ -85,7 +86,7 @@ def select_worst_regions(found: BenchmarkResult, maps: Mapping[tuple[str, float]
             seen.add(kind)
             none = not np.isfinite(one.errors[label]).any()
             name = get_title(quantity).lower()
-            good = f"{name} valid at no pixel"
+            good = f"{name} valid at no evaluated pixel"
             if not none:
                 good = f"{name} {_validity(share, _density(found, kind, value, label, quantity))}"
             title = f"{case.title}, {case.describe_level(value)}: {good}"
@@ -111,16 +112,16 @@ def _validity(inliers: float, density: float) -> str:
     r"""Return in words which pixels are valid, and which of them are accurate.
 
     >>> print(_validity(0.57, 0.57).replace("\N{NO-BREAK SPACE}", " "))
-    valid at 57 % of the pixels, all of them within 0.1 px
+    valid at 57 % of the evaluated pixels, all of them within 0.1 px
     >>> print(_validity(0.45, 0.9).replace("\N{NO-BREAK SPACE}", " "))
-    valid at 90 % of the pixels, 50 % of them within 0.1 px
+    valid at 90 % of the evaluated pixels, 50 % of them within 0.1 px
     """
     limit = f"within {INLIER_PX:g}\N{NO-BREAK SPACE}px"
     if not density > 0:
-        return f"{limit} at {format_percent(inliers)} of the pixels"
+        return f"{limit} at {format_percent(inliers)} of the evaluated pixels"
     share = min(inliers / density, 1.0)
     accurate = "all" if share > 0.9995 else f"{100 * share:.3g}\N{NO-BREAK SPACE}%"
-    return f"valid at {100 * density:.3g}\N{NO-BREAK SPACE}% of the pixels, {accurate} of them {limit}"
+    return f"valid at {100 * density:.3g}\N{NO-BREAK SPACE}% of the evaluated pixels, {accurate} of them {limit}"
 
 
 def _scale_px(errors: NDArray[np.float32]) -> float:
@@ -167,6 +168,7 @@ def write_benchmark_report(
         convention_mismatches=found.convention_mismatches,
         worst=select_worst_regions(found, maps or {}),
         margins=describe_margins(found),
+        ties=describe_ties(found),
         densities=describe_densities(found),
         beyond=f"{_BEYOND_PERCENT:g}",
         times=_median_times(found),
@@ -195,14 +197,41 @@ def describe_method(method: MethodLike) -> str:
 
 
 def describe_margins(found: BenchmarkResult) -> dict[str, list[tuple[str, str]]]:
-    """Return for each method the cases in which it is the best of several, and how many times better than the next."""
+    """Return for each method the cases in which it is the best of several, and how many times better than the next.
+
+    Cases of `describe_ties` are not among them.
+    """
     margins = {label: list[tuple[str, str]]() for label in found.methods}
     for one in found.headlines():
         first, *further = one.of_methods.items() or [("", math.nan)]
-        if further and further[0][1] > first[1]:
+        if further and further[0][1] > first[1] and not _overlap(found, one, (first[0], further[0][0])):
             factor = further[0][1] / first[1] if first[1] > 0 and math.isfinite(further[0][1]) else math.inf
             margins[first[0]].append((one.case.title, "" if math.isinf(factor) else format_two_digits(factor)))
     return {label: entries for label, entries in margins.items() if entries}
+
+
+def describe_ties(found: BenchmarkResult) -> list[str]:
+    """Return the cases in which the 95 % confidence intervals of the two best methods overlap at half of the levels."""
+    return [one.case.title for one in found.headlines() if _overlap(found, one, list(one.of_methods)[:2])]
+
+
+def _overlap(found: BenchmarkResult, one: RankedMethod, labels: Sequence[str]) -> bool:
+    """Return whether the confidence intervals of two methods overlap at half of the levels or more."""
+    chosen: dict[float, dict[tuple[str, str], tuple[float, float]]] = {}
+    for row in found.rows:
+        if (row.case, row.quantity, row.statistic) == (one.case.kind, one.quantity, one.statistic):
+            low, high = sorted((abs(row.ci_low), abs(row.ci_high)))
+            crosses = row.ci_low < 0 < row.ci_high
+            chosen.setdefault(row.level, {})[row.method, row.pixels] = (0.0 if crosses else low, high)
+    overlaps = []
+    for of_level in chosen.values():
+        for pixels in (COMMON_VALID, METHOD_VALID):
+            intervals = [of_level[label, pixels] for label in labels if (label, pixels) in of_level]
+            if len(intervals) == 2 and np.isfinite(intervals).all():
+                (low, high), (next_low, next_high) = intervals
+                overlaps.append(low <= next_high and next_low <= high)
+                break
+    return 2 * sum(overlaps) >= len(overlaps) > 0
 
 
 def describe_densities(found: BenchmarkResult) -> str:

@@ -194,7 +194,11 @@ def _curves(
     layout: dict[str, dict[str, Any]] = {
         "title": {"text": f"{what}<br><sub>{where}</sub>" if where else what},
         "xaxis": {"title": {"text": case.varied}, **_axis(case, rows)},
-        "yaxis": {"title": {"text": f"{STATISTIC_TITLES[statistic]}{unit}"}, "type": "log" if positive else "linear"},
+        "yaxis": {
+            "title": {"text": f"{STATISTIC_TITLES[statistic]}{unit}"},
+            "type": "log" if positive else "linear",
+            "exponentformat": "power",
+        },
     }
     if positive:
         layout["yaxis"] |= _plain_ticks(data)
@@ -214,6 +218,8 @@ def _plain_ticks(data: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
     >>> _plain_ticks([{"y": [0.0015, None, 0.006]}])["ticktext"]
     ['0.001', '0.002', '0.005', '0.01']
+    >>> _plain_ticks([{"y": [1.2e-8, 3e-8]}])["ticktext"]
+    ['10⁻⁸', '2 × 10⁻⁸', '5 × 10⁻⁸']
     """
     known = [value for line in data for value in line["y"] if value is not None and value > 0]
     if not known:
@@ -227,7 +233,10 @@ def _plain_ticks(data: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     shown = ticks[max(low - 1, 0) : high + 1]
     # Several decades have space for the first tick of each.
     shown = shown if len(shown) <= _MOST_TICKS else [tick for tick in shown if f"{tick:e}".startswith("1")]
-    return {"tickvals": shown, "ticktext": [f"{tick:.10f}".rstrip("0").rstrip(".") for tick in shown]}
+    return {
+        "tickvals": shown,
+        "ticktext": [format_two_digits(tick).replace("1.0 × ", "").replace(".0 ", " ") for tick in shown],
+    }
 
 
 _MOST_TICKS = 10
@@ -268,7 +277,7 @@ def _confidence(found: BenchmarkResult, case: Case, rows: Sequence[BenchmarkReco
     else:
         y = f"{y}, {format_unit(get_units(quantity))}".rstrip(", ")
     layout = {
-        "title": {"text": f"{get_title(quantity)}: {title.lower()}<br><sub>at {case.describe_level(value)}</sub>"},
+        "title": {"text": f"{get_title(quantity)}: {title.lower()}<br><sub>{case.describe_level(value)}</sub>"},
         "xaxis": {"title": {"text": x}},
         "yaxis": {"title": {"text": y}, "rangemode": "tozero"},
     }

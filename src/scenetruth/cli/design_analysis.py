@@ -30,7 +30,7 @@ __all__ = ["budget", "precision_rows", "predict", "print_included", "sweep"]
 
 
 _INCLUDED = "image noise, texture, light, optics, and the window and motion model of the method"
-_NOT_INCLUDED = "errors of stage and calibration, and bias by curvature and edges, of `scenetruth design budget`"
+_NOT_INCLUDED = "errors of stage and calibration, and bias by curvature and edges (see `scenetruth design budget`)"
 
 
 def budget(
@@ -257,7 +257,7 @@ def _print_prediction(prediction: Prediction, region: str) -> None:
 
 def print_included(of: str) -> None:
     """Print the sources of error that a predicted precision includes; ``of``: statistic and region."""
-    typer.echo(f"precision: {of}; includes {_INCLUDED}; does not include {_NOT_INCLUDED}")
+    typer.echo(f"precision: {of}; includes {_INCLUDED}; not included: {_NOT_INCLUDED}")
 
 
 def sweep(

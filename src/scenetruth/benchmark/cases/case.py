@@ -153,8 +153,10 @@ class Case:
         """Return factor and level in words, with the unit.
 
         >>> print(all_cases()["slope"].describe_level(60.0), all_cases()["gallery"].describe_level(0.0), sep="; ")
-        angle to the image plane 60°; scene cube
+        angle to the image plane 60°; scene: cube
         """
+        if self.labels():
+            return f"{self.varied}: {self.get_label(value)}"
         name, comma, unit = self.varied.rpartition(", ")
         if not comma or unit not in _LEVEL_UNITS:
             return f"{self.varied} {self.get_label(value)}"
