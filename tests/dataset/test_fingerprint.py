@@ -21,7 +21,7 @@ from scenetruth.dataset.verification import verify_dataset
 from scenetruth.errors import BackendUnavailableError, MachineError, MismatchError
 from scenetruth.jobs.worker_setup import collect_versions, refuse_other_versions
 from tests.helpers.nightly import by_night
-from tests.helpers.no_gl import python_path_without_gl
+from tests.helpers.no_gl import fresh_workers, python_path_without_gl
 from tests.helpers.small_recipes import RECIPE
 
 
@@ -42,6 +42,7 @@ def test_a_worker_without_gl_is_told_and_no_sample_is_set_aside(
     if workers > 1:
         monkeypatch.setenv("PYTHONPATH", python_path_without_gl(tmp_path))
     with (
+        fresh_workers(),
         patch("scenetruth.render.backend_selection._pyrender", side_effect=missing),
         pytest.raises(MachineError, match=r"workers: .* cannot render this data set.*OSMesa|libosmesa6"),
     ):

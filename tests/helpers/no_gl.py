@@ -3,9 +3,25 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import forkserver
 from pathlib import Path
+from typing import Any
 
-__all__ = ["python_path_without_gl"]
+__all__ = ["fresh_workers", "python_path_without_gl"]
+
+
+@contextmanager
+def fresh_workers() -> Iterator[None]:
+    """Start the workers of this block in the environment of this block, and later ones in that of later."""
+    server: Any = forkserver.__dict__["_forkserver"]
+    # Workers are forks of one process, which keeps the environment of the first test that needed it.
+    server._stop()
+    try:
+        yield
+    finally:
+        server._stop()
 
 
 def python_path_without_gl(folder: Path) -> str:

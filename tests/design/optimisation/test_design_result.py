@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from scenetruth.design.optimisation import (
+    Discrepancy,
     PredictionInterval,
     RigDesign,
     Sensitivity,
@@ -68,6 +69,23 @@ def test_changes_both_ways_are_told_the_largest_first() -> None:
         line
         == "an increase (decrease) of each parameter by 10 % changes depth by: b -9.1 % (+11.1 %), a +2.0 % (-1.9 %)"
     )
+
+
+@pytest.mark.parametrize(
+    ("notable", "line"),
+    [
+        ([False], "the simulated value agrees with its prediction, within the scatter of seeds or 30 %"),
+        ([True], "the simulated value differs notably from its prediction"),
+        ([False, False], "all 2 simulated values agree with their prediction, within the scatter of seeds or 30 %"),
+        ([False, True], "1 of 2 simulated values differ notably from their prediction"),
+    ],
+)
+def test_simulations_are_compared_with_predictions(notable: list[bool], line: str) -> None:
+    rig = RigDesign(3, {}, {}, {"depth": 0.2}, {}, (), None, "")
+    interval = PredictionInterval(0.3, 0.2, 0.4, 2)
+    found = [Discrepancy(n, "depth", 0.2, interval, 1.5, each, "says") for n, each in enumerate(notable)]
+    lines = list(compose_summary((objective(),), rig, (), found, ())[2:])
+    assert lines == [line, *(f"rig {n}: says" for n, each in enumerate(notable) if each)]
 
 
 def test_values_as_people_write_them() -> None:

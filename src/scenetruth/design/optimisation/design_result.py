@@ -158,12 +158,15 @@ def _signed(share: float) -> str:
 
 
 def _compared(discrepancies: Sequence[Discrepancy]) -> Iterator[str]:
-    notable = [one for one in discrepancies if one.notable]
-    if notable:
-        yield f"{len(notable)} of {len(discrepancies)} simulated values differ notably from their prediction"
-    elif discrepancies:
-        count = len(discrepancies)
-        yield f"all {count} simulated values agree with their prediction, within the scatter of seeds or 30 %"
+    notable, count = [one for one in discrepancies if one.notable], len(discrepancies)
+    if count == 1:
+        compared = "differs notably from" if notable else "agrees with"
+        words = f"the simulated value {compared} its prediction"
+    else:
+        values = f"{len(notable)} of {count} simulated values differ notably from"
+        words = f"{values if notable else f'all {count} simulated values agree with'} their prediction"
+    if count:
+        yield words if notable else f"{words}, within the scatter of seeds or 30 %"
     yield from (f"rig {one.rig}: {one.says}" for one in notable)
 
 
