@@ -71,6 +71,7 @@ toc_object_entries = False
 html_theme = "pydata_sphinx_theme"
 html_title = "scenetruth"
 html_static_path = ["_static"]
+html_favicon = "_static/favicon.svg"
 html_css_files = ["site.css"]
 html_js_files = ["site.js"]
 html_context = {"default_mode": "auto"}

@@ -44,6 +44,11 @@ def test_all_that_is_too_much_is_told_at_once() -> None:
         assert words in text
 
 
+def test_a_disk_that_is_full_is_told_without_an_exponent() -> None:
+    (problem,) = machine_problems(FORECAST, Machine(None, 36_900, 2), Limits())
+    assert "estimated at about 9 GB, limit 0.000037 GB: " in problem.message
+
+
 def test_who_insists_is_let_through_as_the_message_says() -> None:
     small = Machine(5 * 10**9, 8 * 10**9, 2)
     assert paths(small, Limits(memory_gb=6.3, disk_gb=9.5)) == []

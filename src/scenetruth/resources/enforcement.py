@@ -165,6 +165,8 @@ def _problem(what: str, wanted: float, most: float | None, unit: str, remedy: st
 
 
 def _format_value(value: float) -> str:
+    if 0 < value < 1e-3:
+        return f"{value:.6f}"
     return f"{value:.3g}" if value < 100 else f"{value:,.0f}"
 
 
