@@ -29,3 +29,10 @@ def test_every_file_with_tests_of_the_night_is_in_the_recipe() -> None:
     files = [file for file in (ROOT / "tests").rglob("test_*.py") if MARKS & names_in(file)]
     assert len(files) > 50
     assert sorted(str(file) for file in files if not {file, *file.parents} & set(run)) == []
+
+
+def test_no_test_waits_for_a_day_and_a_night_together() -> None:
+    never = re.compile(r"^@(nightly\n@by_day|by_day\n@nightly)$", re.MULTILINE)
+    files = sorted((ROOT / "tests").rglob("test_*.py"))
+    assert [file.name for file in files if never.search(file.read_text(encoding="utf-8"))] == []
+    assert never.search("@by_day\n@nightly\ndef test() -> None: ...\n")

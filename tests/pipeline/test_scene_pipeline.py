@@ -238,7 +238,6 @@ def test_growth_that_is_smaller_than_its_error_is_told(
         assert note.endswith("error is 1 %/h, the RMS growth rate 1 %/h; --method refined is more precise")
 
 
-@nightly
 @by_day
 def test_a_run_that_is_killed(tmp_path: Path) -> None:
     with Killer(tmp_path, seed=0) as killer:
