@@ -148,6 +148,15 @@ def test_detail_is_smooth_on_the_raster() -> None:
     assert power[frequency > 0.45].sum() < 1e-6 * power.sum()
 
 
+def test_veins_within_a_texel_have_their_mean() -> None:
+    # A leaf of a nanometre: all of its veins, and of the network between them, lie within texels of 0.1 mm.
+    small = leaf_of(length_mm=1e-6, width_mm=6e-7, resolution_mm=1e-7)
+    item = texture_of(**PLAIN).paint(small, Path(), np.random.default_rng(1))
+    values = item.texture.radiance(np.random.default_rng(2).uniform(0, 1, (100, 2)))
+    usual = painted(**PLAIN).texture.radiance(np.random.default_rng(2).uniform(0, 1, (100, 2)))
+    assert 0.5 * usual.min() < values.min() <= values.max() < 2 * usual.max()
+
+
 def test_same_seed_same_leaf_other_seed_other_leaf() -> None:
     one, two, three = (painted.__wrapped__(seed).texture.raster() for seed in (4, 4, 2))
     assert (one == two).all()

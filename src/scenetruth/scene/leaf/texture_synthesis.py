@@ -257,7 +257,11 @@ def _beside_veins(leaf: LeafForm, a: Image, b: Image, wander: Image) -> tuple[Im
 
 def _warp(spacing: float, canvas: _Canvas, generator: np.random.Generator) -> Image:
     """Return smooth noise of the order of a spacing, for an irregular network."""
-    noise = make_band_limited_noise((4 * spacing, 14 * spacing), canvas.size_mm, generator, peak=3.0)
+    wavelengths = (4 * spacing, 14 * spacing)
+    if wavelengths[1] * canvas.texels_per_mm < 1:
+        # Waves within a texel have a mean of zero.
+        return np.zeros(canvas.shape, dtype=np.float32)
+    noise = make_band_limited_noise(wavelengths, canvas.size_mm, generator, peak=3.0)
     return np.float32(spacing) * _interpolated(noise.coefficients, noise.period, canvas)
 
 
