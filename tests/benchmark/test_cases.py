@@ -40,9 +40,11 @@ def test_every_case_says_what_it_is(case: Case) -> None:
             Scene.from_dict(case.scene(value))
 
 
-# The wall behind the cylinder is so far away that its texture is aliased; it is not measured.
+# The wall behind the cylinder is so far away that its texture is aliased, and the sheet is brighter than the full scale
+# of its ideal sensor, which clips nothing, near the lamp of penumbrae; neither is measured.
 @nightly
 @pytest.mark.filterwarnings("ignore:objects. the texture of 'behind':scenetruth.SceneWarning")
+@pytest.mark.filterwarnings("ignore:lighting. images reach a radiance of 1.4:scenetruth.SceneWarning")
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.kind)
 def test_every_value_has_pixels_to_measure(case: Case) -> None:
     for point in list_design_points([case], "full"):
