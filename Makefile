@@ -51,7 +51,7 @@ accuracy: setup
 
 nightly: setup
 	HYPOTHESIS_PROFILE=nightly $(PYTHON_BIN)/python -m pytest -q -rP -p no:cacheprovider \
-		tests/fuzz tests/pipeline tests/dataset tests/storage/test_reader.py tests/test_resident_memory.py tests/test_accuracy.py \
+		tests/fuzz tests/pipeline tests/dataset tests/schema tests/storage/test_reader.py tests/test_resident_memory.py tests/test_accuracy.py \
 		tests/estimators tests/truth tests/camera tests/validation_studies tests/scoring tests/benchmark tests/bound tests/testing \
 		tests/design tests/render tests/raycast/test_edges.py tests/cli tests/capture tests/jobs tests/strain tests/exporters \
 		tests/scene/test_scene_repair.py tests/scene/test_scene_report.py tests/scene/test_vertex_animation_finite_elements.py tests/scene/leaf/test_leaf_mesh.py tests/scene/test_taylor.py \

@@ -105,7 +105,7 @@ def test_working_points_of_each_pixel_are_never_worse_than_the_best_single_one(d
     best = min(depth_rms, key=lambda point: depth_rms[point])
     assert best == 37
     single, each = scores(singles[best]), scores(estimated("per_pixel"))
-    assert single["depth rms"] == depth_rms[best]
+    assert single["depth rmse"] == depth_rms[best]
     # The scores of one recording: their own rounding is all that may make them worse.
     assert {name: value for name, value in each.items() if value > single[name] * (1 + 1e-3)} == {}
-    assert each["velocity_z rms"] <= 0.5 * single["velocity_z rms"]
+    assert each["velocity_z rmse"] <= 0.5 * single["velocity_z rmse"]

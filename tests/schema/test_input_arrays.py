@@ -69,6 +69,19 @@ def test_what_is_no_map_is_refused(name: str, value: Any) -> None:
         st.make_estimate(recording=RECORDING, **arrays)
 
 
+@pytest.mark.parametrize("name", ["status", "depth_rate"])
+@pytest.mark.parametrize("shape", [(4, 5), (1, 4, 5), (5,), (1,), (4, 1), (3, 1, 1)])
+def test_maps_of_one_frame_are_not_those_of_several(name: str, shape: tuple[int, ...]) -> None:
+    ones: Any = np.ones(shape)
+    for frames in ((3, 4, 5), (4, 5)):
+        arrays = {"depth": np.ones(frames), "flow": np.ones((2, *frames)), name: ones}
+        if frames == (4, 5) and shape in ((4, 5), (1, 4, 5)):
+            st.make_estimate(recording=RECORDING, **arrays)
+            continue
+        with pytest.raises(st.RecordingError, match=rf"- {name}: must .*have the shape"):
+            st.make_estimate(recording=RECORDING, **arrays)
+
+
 @pytest.mark.parametrize("like", [None, "x", {}, np.zeros(3), xr.Dataset(), xr.DataArray(np.zeros(3))], ids=repr)
 def test_what_is_no_recording_is_refused(like: Any) -> None:
     with pytest.raises(st.RecordingError):

@@ -324,18 +324,22 @@ def _rate(values: ArrayLike, shape: tuple[int, ...], problems: list[Problem]) ->
     if np.isinf(raw).any():
         problems.append(Problem("depth_rate", "holds infinite values; mark invalid pixels as NaN"))
         return None
-    try:
-        return np.broadcast_to(raw, shape)
-    except ValueError:
+    if raw.ndim and not _is_of_frames(raw, shape):
         problems.append(Problem("depth_rate", f"must be a number or have the shape {shape}", raw.shape))
         return None
+    return np.broadcast_to(raw, shape)
+
+
+def _is_of_frames(values: NDArray[Any], shape: tuple[int, ...]) -> bool:
+    """Return whether an array has the shape (t, y, x), or (y, x) for a single frame."""
+    return values.shape == shape or (shape[0] == 1 and values.shape == shape[1:])
 
 
 def _status(values: ArrayLike, shape: tuple[int, ...], problems: list[Problem]) -> NDArray[np.uint8] | None:
     raw = real_array("status", values, problems)
     if raw is None:
         return None
-    if raw.shape not in (shape, shape[1:]) or not np.isin(raw, range(STATUS_FALLBACK + 1)).all():
+    if not _is_of_frames(raw, shape) or not np.isin(raw, range(STATUS_FALLBACK + 1)).all():
         message = (
             f"must have the shape {shape} and hold 0 (invalid), 1 (normal component only), 2 (valid) or 3 (fallback)"
         )

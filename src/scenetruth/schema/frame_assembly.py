@@ -60,9 +60,11 @@ class IncrementalDataset:
 
     def dataset(self) -> xr.Dataset:
         """Return the filled data set, which shares the arrays."""
-        # Unlike with `assign`, nothing is aligned and merged.
-        names, variables = map(str, self._blank.data_vars), self._blank.variables
-        return self._blank.copy(data={name: self._arrays.get(name, variables[name].data) for name in names})
+        # Unlike with `assign`, nothing is aligned and merged. For arrays, xarray would import Dask: variables hold theirs.
+        data = {str(name): self._blank.variables[name] for name in self._blank.data_vars}
+        for name, values in self._arrays.items():
+            data[name] = xr.Variable(data[name].dims, values, fastpath=True)
+        return self._blank.copy(data=data)
 
 
 Map = NDArray[np.float64]
