@@ -60,7 +60,7 @@ class IncrementalDataset:
 
     def dataset(self) -> xr.Dataset:
         """Return the filled data set, which shares the arrays."""
-        # Unlike with `assign`, nothing is aligned and merged. For arrays, xarray would import Dask: variables hold theirs.
+        # Unlike with `assign`, nothing is aligned and merged. For arrays outside of variables, xarray imports Dask.
         data = {str(name): self._blank.variables[name] for name in self._blank.data_vars}
         for name, values in self._arrays.items():
             data[name] = xr.Variable(data[name].dims, values, fastpath=True)
