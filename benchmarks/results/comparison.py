@@ -149,7 +149,7 @@ def losses(methods: Sequence[MethodData]) -> pd.DataFrame:
             all_images = value_of(whole, value, levels)[0] if whole is not None else math.nan
             least = LEAST_PERCENT if math.isnan(best) else LEAST_SHARE * density
             # A period of zero is the shortest that was tested.
-            is_error = value.column == "period_at_10_percent_loss" or number > LEAST_ERROR
+            vanishes = value.column != "period_at_10_percent_loss" and number <= LEAST_ERROR
             lines.append(
                 {
                     "case": value.case,
@@ -164,7 +164,7 @@ def losses(methods: Sequence[MethodData]) -> pd.DataFrame:
                     "refined_4_valid_percent": density,
                     "refined_all_images_value": all_images,
                     "ratio": number / best if math.isfinite(best) and best else math.nan,
-                    "counts": bool(value.column == "bad_percent" or (share >= least and is_error)),
+                    "counts": bool(value.column == "bad_percent" or (share >= least and not vanishes)),
                 }
             )
     return pd.DataFrame(lines, columns=list(LOSS_COLUMNS))
