@@ -51,7 +51,8 @@ __all__ = [
 GALLERY_SIZE = ("camera.width=288", "camera.height=192")
 """Scenes of the gallery are the middle of their images."""
 TIMEOUT_S = 3600.0
-CHUNK = 8
+CHUNK_RECORDINGS = 64
+"""Recordings that a program measures in one process."""
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1",
     "OMP_WAIT_POLICY": "PASSIVE",
@@ -95,7 +96,7 @@ class Job:
 
 
 def list_jobs(cases: Sequence[str] | None = None, levels: Sequence[str] | None = None) -> list[Job]:
-    """Return the jobs of each method: every case with the levels of ``core``, or else of ``full``.
+    """Return the jobs of each method: every case with the levels and the noise realisations of ``full``.
 
     Parameters
     ----------
@@ -108,8 +109,8 @@ def list_jobs(cases: Sequence[str] | None = None, levels: Sequence[str] | None =
     for kind, case in all_cases().items():
         if (cases and kind not in cases) or case.lacks():
             continue
-        chosen = tuple(map(case.parse_level, levels)) if levels else case.values("core") or case.values("full")
-        seeds = tuple(range(case.seeds["core"]))
+        chosen = tuple(map(case.parse_level, levels)) if levels else case.values("full")
+        seeds = tuple(range(case.seeds["full"]))
         groups = [chosen] if case.one_scene else [(level,) for level in chosen]
         points = [DesignPoint(kind, group, seeds) for group in groups]
         if kind == "gallery":
@@ -147,13 +148,13 @@ def measure_jobs(
             for job in missing:
                 simulated |= {point: job.simulate(point) for point in job.points if point not in simulated}
             with tempfile.TemporaryDirectory(prefix="results-") as work:
-                started, spec, errors = _processor_s(), None, {}
+                started, spec, ended = _processor_s(), None, {}
                 if one.group == PROGRAM:
-                    spec, errors = _run_program(missing, one, simulated, peers, Path(work))
+                    spec, ended = _run_program(missing, one, simulated, peers, Path(work))
                 share = (_processor_s() - started) / len(missing)
                 for job in missing:
                     started = _processor_s()
-                    values = _measured(job, one, spec or one.spec, simulated, errors)
+                    values = _measured(job, one, spec or one.spec, simulated, ended)
                     seconds = share + _processor_s() - started
                     store.write(_file(job), result_key(job, one), values | {"processor_s": seconds})
                     yield job.name, one.key, seconds
@@ -161,9 +162,22 @@ def measure_jobs(
 
 def _chunks(jobs: Sequence[Job]) -> Iterator[list[Job]]:
     """Yield jobs whose recordings programs measure in one process, so that each starts a few times only."""
-    for size, of_gallery in ((CHUNK, False), (CHUNK - 1, True)):
-        alike = [job for job in jobs if (job.case.kind == "gallery") is of_gallery]
-        yield from (alike[first : first + size] for first in range(0, len(alike), size))
+    for of_gallery in (False, True):
+        chunk: list[Job] = []
+        for job in (one for one in jobs if (one.case.kind == "gallery") is of_gallery):
+            if chunk and sum(_weight(one) for one in (*chunk, job)) > CHUNK_RECORDINGS:
+                yield chunk
+                chunk = []
+            chunk.append(job)
+        if chunk:
+            yield chunk
+
+
+def _weight(job: Job) -> int:
+    """Return the recordings of a job; one of the gallery, which is larger, counts as eight."""
+    if job.case.kind == "gallery":
+        return 8
+    return sum(len(point.seeds) if job.case.noise_std(point.values[0]) else 1 for point in job.points)
 
 
 def stored_rows(
@@ -216,7 +230,7 @@ def _measured(
     one: Contestant,
     spec: MethodSpec,
     simulated: Mapping[DesignPoint, Simulated],
-    errors: Mapping[DesignPoint, str],
+    ended: Mapping[DesignPoint, str],
 ) -> dict[str, Any]:
     rows: list[BenchmarkRecord] = []
     failures: dict[str, str] = {}
@@ -227,9 +241,9 @@ def _measured(
             measured = measure(job.case, point, [spec], simulated=simulated[point])
         rows += measured.rows
         if measured.failures:
-            failures[point.name] = errors.get(point) or next(iter(measured.failures.values()))
-            # A program that rejects a recording will reject it again; one that did not start may start next time.
-            if one.group != PROGRAM or point in errors:
+            failures[point.name] = ended.get(point) or next(iter(measured.failures.values()))
+            # A program that ended without a valid map will do so again; one that did not start may start next time.
+            if one.group != PROGRAM or point in ended:
                 settled.append(point.name)
     return {
         "rows": [row.to_dict() for row in rows],
@@ -244,8 +258,12 @@ def _measured(
 def _run_program(
     jobs: Sequence[Job], one: Contestant, simulated: Mapping[DesignPoint, Simulated], peers: Path, work: Path
 ) -> tuple[MethodSpec, dict[DesignPoint, str]]:
-    """Run a program on all recordings of jobs, in one process; return its results as a method, and its errors."""
-    pairs, places = [], {}
+    """Run a program on all recordings of jobs, in one process.
+
+    Returns its results as a method, and for each scene on all of whose recordings it ended, its error if there is one.
+    """
+    pairs: list[list[str]] = []
+    places: dict[DesignPoint, list[Path]] = {}
     for job in jobs:
         for point in job.points:
             for _, recording in list_realisations(job.case, point, simulated[point][0]):
@@ -256,14 +274,14 @@ def _run_program(
                     write_recording(recording, source, "npy")
                     output.mkdir(parents=True)
                     pairs.append([str(source), str(output)])
-                places[point] = output
+                places.setdefault(point, []).append(output)
     run_batch(words_of(peers, one.key), pairs, work)
-    errors = {
-        point: file.read_text(encoding="utf-8").strip().splitlines()[-1]
-        for point, output in places.items()
-        if (file := output / "further" / "error.txt").exists()
-    }
-    return MethodSpec(ResultsFolder(work / "results", one.key), label=one.key), errors
+    ended = {}
+    for point, outputs in places.items():
+        errors = [file for output in outputs if (file := output / "further" / "error.txt").exists()]
+        if all(any(output.rglob("*.npy")) for output in outputs if output / "further" / "error.txt" not in errors):
+            ended[point] = errors[0].read_text(encoding="utf-8").strip().splitlines()[-1] if errors else ""
+    return MethodSpec(ResultsFolder(work / "results", one.key), label=one.key), ended
 
 
 def run_batch(words: Sequence[str], pairs: Sequence[Sequence[str]], work: Path) -> None:
