@@ -59,7 +59,7 @@ class MethodData:
     cost
         Of one estimate of the cube: ``processor_s``, and ``memory_mb``, the peak memory of its process.
     failures
-        Why there is no result, by job.
+        Why there is no result, or not for each noise realisation, by scene: the job, with the level if it has several.
     missing
         Jobs that were not measured yet.
     table

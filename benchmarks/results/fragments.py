@@ -99,7 +99,7 @@ def _overview(one: MethodData) -> dict[str, Any]:
         "beyond_3_std_percent": stated["beyond_3_std_percent"].median(),
         "processor_s": one.cost.get("processor_s", math.nan),
         "memory_mb": one.cost.get("memory_mb", math.nan),
-        "jobs_without_result": len(one.failures) + len(one.missing),
+        "scenes_without_result": len(one.failures),
     }
 
 
@@ -288,10 +288,10 @@ def robustness_table(results: Results) -> str:
     """Return bad pixels, error bars, time and memory, one line for each method."""
     numbers = ("bad_percent", "rms_z", "beyond_3_std_percent", "processor_s", "memory_mb")
     lines = [
-        [f"{one.title}<br>{one.version}", *(spelled(row[name]) for name in numbers), str(row["jobs_without_result"])]
+        [f"{one.title}<br>{one.version}", *(spelled(row[name]) for name in numbers), str(row["scenes_without_result"])]
         for one, row in _rows(results)
     ]
-    columns = ("bad pixels, %", "z, RMS", "beyond 3σ, %", "time, s", "memory, MB", "jobs without result")
+    columns = ("bad pixels, %", "z, RMS", "beyond 3σ, %", "time, s", "memory, MB", "scenes without result")
     return markdown(("method", *columns), lines)
 
 
@@ -304,13 +304,13 @@ def made(results: Results) -> str:
     machines = ", ".join(dict.fromkeys(one.machine for one in results.methods))
     minutes = sum(one.processor_s for one in results.methods) / 60
     failures = [
-        f"- {one.title}: {'; '.join(f'`{job}`: {why}' for job, why in _grouped(one.failures).items())}"
+        f"- {one.title}: {'; '.join(f'`{scenes}`: {why}' for scenes, why in _grouped(one.failures).items())}"
         for one in results.methods
         if one.failures
     ]
     lines = [
         f"Processor: {machines}; one thread for each program. The suite and the gallery took {minutes:.0f} min of "
-        f"processor time. Jobs that a program ended without a result, with the reason:",
+        f"processor time. Scenes on which a method gave no result, in at least one noise realisation, with the reason:",
         "\n".join(failures) or "none.",
     ]
     return "\n\n".join(lines)
@@ -337,11 +337,11 @@ def not_measured(results: Results) -> str:
 
 
 def _grouped(failures: Mapping[str, str]) -> dict[str, str]:
-    """Return jobs by reason, several jobs with commas between."""
+    """Return scenes by reason, several with commas between."""
     found: dict[str, list[str]] = {}
-    for job, why in failures.items():
-        found.setdefault(_short(why), []).append(job)
-    return {"`, `".join(jobs): why for why, jobs in found.items()}
+    for scene, why in failures.items():
+        found.setdefault(_short(why), []).append(scene)
+    return {"`, `".join(scenes): why for why, scenes in found.items()}
 
 
 def _short(why: str) -> str:

@@ -183,7 +183,7 @@ def _weight(job: Job) -> int:
 def stored_rows(
     jobs: Sequence[Job], contestant: Contestant, folder: Path
 ) -> tuple[list[BenchmarkRecord], dict[str, str], list[str], list[dict[str, Any]]]:
-    """Return the records of a method, its failures by job, missing jobs, and what else its files hold.
+    """Return the records of a method, its failures by scene, missing jobs, and what else its files hold.
 
     Parameters
     ----------
@@ -205,8 +205,8 @@ def stored_rows(
             continue
         here = [BenchmarkRecord.from_plain(row) for row in values["rows"]]
         rows += [*here, *job.case.conclusions(here)]
-        if values["failures"]:
-            failures[job.name] = "; ".join(dict.fromkeys(values["failures"].values()))
+        for name, why in values["failures"].items():
+            failures[f"{job.name}/{name}" if len(job.points) > 1 else job.name] = why
         others.append({name: values[name] for name in ("date", "machine", "version", "processor_s")})
     return rows, failures, missing, others
 

@@ -9,11 +9,13 @@ import shlex
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 
 from benchmarks.results import __main__ as command
 from benchmarks.results import jobs
@@ -278,6 +280,56 @@ def test_every_case_has_a_job_with_levels() -> None:
     assert {job.case.kind for job in jobs} == {kind for kind, case in all_cases().items() if not case.lacks()}
     assert len({job.name for job in jobs}) == len(jobs)
     assert all(job.points for job in jobs)
+
+
+def test_all_levels_and_noise_realisations_of_the_suite_are_measured() -> None:
+    levels: dict[str, list[float]] = {}
+    for job in list_jobs():
+        levels.setdefault(job.case.kind, []).extend(level for point in job.points for level in point.values)
+        assert all(point.seeds == tuple(range(job.case.seeds["full"])) for point in job.points)
+    assert levels == {kind: list(all_cases()[kind].values("full")) for kind in levels}
+
+
+def test_failures_are_those_of_levels(tmp_path: Path) -> None:
+    one = submitted(f"mine={__name__}:quarter")
+    tiny, whole = list_jobs(["star", "phase_of_flow"])
+    assert (len(tiny.points) > 1) != (len(whole.points) > 1)
+    store = jobs.ResultStore(tmp_path / "jobs" / one.key, "")
+    for job in (tiny, whole):
+        plain = dict.fromkeys(("date", "machine", "version"), "") | {"processor_s": 1.0, "rows": []}
+        store.write(job.name, result_key(job, one), plain | {"failures": {job.points[0].name: "none"}})
+    _, failures, missing, _ = stored_rows([tiny, whole], one, tmp_path)
+    assert (sorted(failures), missing) == (["phase_of_flow/0", "star"], [])
+
+
+@pytest.mark.parametrize(("left", "again"), [("error.txt", 0), ("maps.npy", 0), ("", 1)])
+def test_a_program_that_ended_is_not_run_again_and_one_that_did_not_start_is(
+    left: str, again: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run(_: Any, pairs: list[list[str]], __: Path) -> None:
+        runs.append(len(pairs))
+        for number, (_, output) in enumerate(pairs):
+            # The last recording alone has nothing if the program did not start.
+            file = Path(output) / "further" / (left if left and number == len(pairs) - 1 else "maps.npy")
+            if left or number < len(pairs) - 1:
+                file.parent.mkdir()
+                file.write_text("Traceback\nValueError: too dark\n", encoding="utf-8")
+
+    (job,) = list_jobs(["noise"], ["0.005"])
+    image = xr.DataArray(np.full((1, 1, 4, 4), 0.5, np.float32), dims=("s", "t", "y", "x"))
+    measured = SimpleNamespace(rows=[], failures={"mudic": "no valid pixel"})
+    monkeypatch.setattr(Job, "simulate", lambda *_: (xr.Dataset({"image": image}), xr.Dataset()))
+    monkeypatch.setattr(jobs, "write_recording", lambda recording, source, _: source.mkdir(parents=True))
+    monkeypatch.setattr(jobs, "recording_key", lambda recording: str(recording["image"].values.sum()))
+    monkeypatch.setattr(jobs, "measure", lambda *_, **__: measured)
+    monkeypatch.setattr(jobs, "run_batch", run)
+    (one,) = (one for one in CONTESTANTS if one.key == "mudic")
+    runs: list[int] = []
+    for _ in range(2):
+        list(measure_jobs([job], [one], tmp_path, tmp_path))
+    assert runs == [8] * (1 + again)
+    _, failures, *_ = stored_rows([job], one, tmp_path)
+    assert failures == {"noise": "ValueError: too dark" if left == "error.txt" else "no valid pixel"}
 
 
 def _tiny() -> list[Job]:
