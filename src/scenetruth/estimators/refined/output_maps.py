@@ -259,10 +259,11 @@ def compute_maps(
             shifted *= _SHIFT_OF_FEW
             limit = np.maximum(settings.max_residual_ratio * usual, shifted)
         most = np.maximum(settings.max_residual_ratio * fine_contrast(images, settings.window_sigma_px), shifted)
-        known = np.isfinite(theta).all(axis=0) & images.is_textured(fit.residual[1], usual, fit.images)
+        fitted = np.asarray(np.isfinite(theta).all(axis=0))
+        known = fitted & images.is_textured(fit.residual[1], usual, fit.images)
         known &= _in_texture(refined.seen.gradient, usual, images, settings.window_sigma_px)
-        reason = np.where(np.isfinite(theta).all(axis=0) & ~known, _LOW_TEXTURE, 0)
-        alone = known & ~sees_second_camera(images, theta, settings.window_sigma_px)
+        reason = np.where(fitted & ~known, _LOW_TEXTURE, 0)
+        alone = ~sees_second_camera(images, fill_gaps(theta, fitted), settings.window_sigma_px)
         reason[alone] = _BORDER
         known &= ~alone
         violated = known & (np.where(beside.where, ~beside.sound, left > limit) | (left > most))

@@ -229,6 +229,10 @@ def even_images(
     gradient = np.empty((2, rows, width), dtype=np.float32)
     parts = pieces(0, rows)
     in_threads(partial(warp_rows, coefficients, view, fields, hidden, bad, first, warped, gradient), parts)
+    if len({*zip(view.s, view.s_y, strict=True)}) == 2:
+        distance = np.abs(view.s) + np.abs(view.s_y)
+        second = distance > distance.min()
+        in_threads(partial(_remove_unseen_by, second, warped), parts)
     if window is not None:
         texture = np.empty((rows, width), dtype=np.float32)
         in_threads(partial(mean_texture, warped, least, texture), parts)
@@ -240,6 +244,15 @@ def even_images(
 
         in_threads(correct, range(count))
     return warped, gradient
+
+
+def _remove_unseen_by(second: NDArray[np.bool_], warped: NDArray[np.float32], part: tuple[int, int]) -> None:
+    """Set pixels to NaN that no image of the second of two cameras shows.
+
+    They agree with any disparity, so that a wrong disparity that moves a window out of these images would fit.
+    """
+    rows = warped[:, part[0] : part[1]]
+    rows[:, np.isnan(rows[second]).all(axis=0)] = np.nan
 
 
 def _brightness_step(window: Map) -> int:

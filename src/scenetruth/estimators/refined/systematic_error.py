@@ -29,6 +29,7 @@ from scenetruth.estimators.refined.growth_comparison import compare_growth
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState, fit_final, fit_round, is_valid_step, select_models
+from scenetruth.estimators.refined.kernels.warp import REACH
 from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, FULL, TOLD, Fit
 from scenetruth.estimators.refined.kernels.window_sums import NO_MODEL
 from scenetruth.estimators.refined.lattice import sample_step
@@ -216,15 +217,15 @@ def sees_second_camera(images: ImageStack, theta: Map, sigma_px: float) -> Mask:
     from scipy.ndimage import gaussian_filter
 
     height, width = images.shape
-    left, top, right_end, bottom = images.bounds
+    left, top, right_end, bottom = np.array(images.bounds) + np.array([REACH, REACH, -REACH, -REACH])
     if len(images.positions) != 2:
         return np.ones(images.shape, dtype=np.bool_)
     y, x = np.mgrid[:height, :width].astype(np.float64)
     right, down = images.positions[np.argmax(np.abs(images.positions).sum(axis=1))]
     with np.errstate(invalid="ignore"):
-        at_x, at_y = x - theta[0] * right, y - theta[0] * down
-        inside = (at_x >= left) & (at_x <= right_end) & (at_y >= top) & (at_y <= bottom)
-    known = np.isfinite(theta[0])
+        at = (x, y), (x - theta[0] * right, y - theta[0] * down)
+        own, inside = ((at_x >= left) & (at_x <= right_end) & (at_y >= top) & (at_y <= bottom) for at_x, at_y in at)
+    known = np.isfinite(theta[0]) & own
     share = [gaussian_filter(each.astype(np.float64), sigma_px) for each in (inside & known, known)]
     return np.asarray(share[0] >= _LEAST_OF_SECOND * share[1])
 
