@@ -46,7 +46,6 @@ _FINE_PX, _MUCH_FINE = 3.0, 0.35
 # It rejects 60 to 80 % of the windows if their mean ratio is 0.008 (directions within 10 degrees), 5 % if it is 0.02.
 _LEAST_RATIO, _LEAST_ALONG = 0.015, 1.5e-3
 _SOME = 0.2  # smallest share of an object that is reported
-_FEW_IMAGES = 4
 _WINDOW_SIGMAS, _MUCH_BORDER = 2.0, 0.2
 """Half width of a window in standard deviations; share of points near borders of images from which a note says so."""
 _MOST_BLUR, _RESTS_PX = 0.95, 1e-6  # evaluated over moving points only: a static background is not blurred
@@ -304,7 +303,7 @@ def _too_fine(look: SurfaceSamples, seen: ImagedTexture) -> Iterator[str]:
 def _describe_invalid_windows(
     setup: MethodSetup, scene: Scene, look: SurfaceSamples, seen: ImagedTexture
 ) -> Iterator[str]:
-    """Yield notes on textures whose windows are invalid or ambiguous, and on false matches in few images."""
+    """Yield notes on textures whose windows are invalid or ambiguous."""
     xx, xy, yy = (
         (seen.variance * seen.response[..., k] * seen.response[..., m]).sum(axis=1) for k, m in ((0, 0), (0, 1), (1, 1))
     )
@@ -334,11 +333,6 @@ def _describe_invalid_windows(
         yield (
             f"repetitive textures have several matches, which the method marks as ambiguous (invalid) unless "
             f"max_motion_px excludes them: {_listed(repeated)}"
-        )
-    if setup.sees_depth and len(setup.views.t) <= _FEW_IMAGES:
-        yield (
-            f"{len(setup.views.t)} images determine a window: a few false matches remain valid, which are not included "
-            "(the RMSE may be ten times the prediction, the median error is not affected)"
         )
 
 
