@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -350,9 +351,14 @@ def _short(why: str) -> str:
     for name, problem in _PROBLEM.findall(why):
         problems.setdefault(_REASONS.get(problem, problem), []).append(name)
     lines = why.strip().splitlines()
-    said = f"the program ended with the message “{lines[0]}”" if lines else "no reason given"
+    said = f"the program ended with the message “{_start_of(lines[0])}”" if lines else "no reason given"
     words = "; ".join(f"{', '.join(names)}: {problem}" for problem, names in problems.items()) or said
-    return words.replace("|", "/").replace("<", "").replace(">", "")[:160]
+    return _start_of(words.replace("|", "/").replace("<", "").replace(">", ""), 160)
+
+
+def _start_of(message: str, length: int = 90) -> str:
+    """Return the first words of a message."""
+    return textwrap.shorten(message, length, placeholder=" …")
 
 
 _PROBLEM = re.compile(r"^\s+- (\w+?)_t[^:]*: ([^;\n]*)", re.MULTILINE)
