@@ -36,6 +36,7 @@ from benchmarks.results.jobs import Job, list_jobs, measure_jobs, result_key, st
 from benchmarks.results.pages import PAGES, fragments_of, read_results, with_fragments, write_pages
 from scenetruth import load_scene
 from scenetruth.benchmark.cases import ALL, BOUND, METHOD_VALID, BenchmarkRecord, all_cases
+from scenetruth.jobs.results import ResultStore
 from tests.helpers.nightly import nightly
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -294,7 +295,7 @@ def test_failures_are_those_of_levels(tmp_path: Path) -> None:
     one = submitted(f"mine={__name__}:quarter")
     tiny, whole = list_jobs(["star", "phase_of_flow"])
     assert (len(tiny.points) > 1) != (len(whole.points) > 1)
-    store = jobs.ResultStore(tmp_path / "jobs" / one.key, "")
+    store = ResultStore(tmp_path / "jobs" / one.key, "")
     for job in (tiny, whole):
         plain = dict.fromkeys(("date", "machine", "version"), "") | {"processor_s": 1.0, "rows": []}
         store.write(job.name, result_key(job, one), plain | {"failures": {job.points[0].name: "none"}})
