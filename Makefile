@@ -56,7 +56,7 @@ nightly: setup
 		tests/design tests/render tests/raycast/test_edges.py tests/cli tests/capture tests/jobs tests/strain tests/exporters \
 		tests/scene/test_scene_repair.py tests/scene/test_scene_report.py tests/scene/test_vertex_animation_finite_elements.py tests/scene/leaf/test_leaf_mesh.py tests/scene/test_taylor.py \
 		tests/scene/mesh/test_mesh_file.py tests/docs/test_adding.py tests/docs/test_results_pages.py tests/test_bands.py \
-		tests/test_own_estimator.py tests/test_simulation.py tests/test_threads.py
+		tests/resources/test_quick_preview.py tests/test_own_estimator.py tests/test_simulation.py tests/test_threads.py
 
 browser: setup
 	@bash tools/setup.sh browser

@@ -22,10 +22,11 @@ from scenetruth.scene.scene_models import compute_image_times
 from scenetruth.scene.scene_report import check_scene, describe_scene
 from scenetruth.truth import GeometryPass, interior_warnings, truth_maps
 from tests.helpers.mesh_files import gltf
+from tests.helpers.nightly import by_night
 from tests.helpers.scenes import LIBRARY, cube, small
 
 
-@pytest.mark.parametrize("file", LIBRARY, ids=lambda file: file.stem)
+@pytest.mark.parametrize("file", [*LIBRARY[::2], *by_night(*LIBRARY[1::2])], ids=lambda file: file.stem)
 def test_the_library_is_seen_in_passing_as_it_is(file: Path) -> None:
     scene = small(file)
     preview = make_quick_preview(scene, list_object_workloads(scene)[0])

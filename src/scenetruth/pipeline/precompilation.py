@@ -68,6 +68,26 @@ _SCENES: dict[str, dict[str, Any]] = {
     },
 }
 
+# Rendered only: light does not change what methods need.
+_LAMP: dict[str, Any] = {
+    **_SCENES["cube"],
+    "objects": [{**_SHEET, "material": {"refractive_index": 1.5, "roughness": 0.25}}, _SCENES["cube"]["objects"][1]],
+    "stage": {"positions": 1, "baseline_mm": 5.0},
+    "frames": {"count": 1, "frame_interval_s": 60.0},
+    "lighting": {
+        "lights": [
+            {
+                "kind": "disc",
+                "radius_mm": 40,
+                "position_mm": [40, -30, 0],
+                "direction": [0, 0, 1],
+                "irradiance": 0.8,
+                "reference_distance_mm": 400,
+            }
+        ]
+    },
+}
+
 
 class SecondProcess(Protocol):
     """Part of `FigureWorker` that compiles."""
@@ -90,7 +110,7 @@ def precompile(progress: Progress | None = None, helper: SecondProcess | None = 
     from scenetruth.strain import compute_strain
 
     methods = [entry.name for entry in list_methods() if entry.origin == "scenetruth"]
-    steps = len(_SCENES) * (1 + len(methods))
+    steps = 1 + len(_SCENES) * (1 + len(methods))
     done: list[str] = []
 
     def tell(what: str) -> None:
@@ -106,6 +126,8 @@ def precompile(progress: Progress | None = None, helper: SecondProcess | None = 
         for name, plain in _SCENES.items():
             tell(f"{name}: images and truth")
             simulated[name] = simulate(Scene.from_dict(plain))
+        tell("lamp: images and truth")
+        simulate(Scene.from_dict(_LAMP))
         # The method of the second process comes last, so that no kernel is compiled by both.
         for method in sorted(methods, key=lambda method: method == _LARGEST_METHOD):
             if method == _LARGEST_METHOD and helper is not None:

@@ -30,7 +30,7 @@ from scenetruth.capture.calibration import (
     step_problems,
 )
 from tests.helpers.drawn_rigs import DrawnRig, draw_rig, fit_draw
-from tests.helpers.nightly import NIGHTLY, by_night
+from tests.helpers.nightly import NIGHTLY, by_night, nightly
 
 
 @pytest.fixture(scope="module")
@@ -141,6 +141,7 @@ def test_lacking_radial_term_is_seen() -> None:
     assert abs(test.estimate - 3e4) < 4 * abs(test.estimate) / np.sqrt(test.chi2)
 
 
+@nightly
 def test_score_of_exact_models_is_chi_squared() -> None:
     """Means of 10 draws against one degree of freedom each: five times the root of 2 / 10."""
     tests = [test for seed in range(70, 80) for test in check_models(fit_draw(draw_rig(seed, poses=5, positions=3)))]

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from scenetruth.camera import Camera, Viewpoint
 from scenetruth.capture import BoardLight, BoardPrint, BoardRenderer, PlacedBoard, draw_board
 from scenetruth.capture.calibration import DotGrid, detect_board, disc_bias, refine_points, rotation_matrix
+from tests.helpers.nightly import by_night
 from tests.helpers.rendered_boards import noisy, render_board, rendered_noise_variance
 
 pytest.importorskip("cv2")
@@ -33,8 +34,7 @@ def with_holes(board: DotGrid, place: Array, *, fine: int = 16) -> Array:
     return image
 
 
-@pytest.mark.parametrize("dark", [True, False])
-@pytest.mark.parametrize("shift_mm", [0.0, 9.0])
+@pytest.mark.parametrize(("dark", "shift_mm"), [(True, 0.0), (False, 9.0), *by_night((True, 9.0), (False, 0.0))])
 def test_dots_are_numbered_from_the_markers(dark: bool, shift_mm: float) -> None:
     """Whole and cut off boards, hollow dots included: positions within 5 standard deviations, z as stated."""
     board = GRID.model_copy(update={"dark": dark})
