@@ -41,7 +41,6 @@ from scenetruth.estimators.refined.kernels.member_lattice import interpolate_mem
 from scenetruth.estimators.refined.kernels.photo_consistency import (
     hide,
 )
-from scenetruth.estimators.refined.kernels.warp import REACH
 from scenetruth.estimators.refined.kernels.window_solver import Fit, Model
 from scenetruth.estimators.refined.kernels.window_sums import solve_members
 from scenetruth.estimators.refined.motion_model_selection import (
@@ -238,7 +237,7 @@ def fill_beyond_images(images: ImageStack, theta: Map, distance: int) -> Map:
     d, q_x, q_y, q_z = extract_fields(filled)[:4]
     y, x = np.mgrid[: images.shape[0], : images.shape[1]].astype(np.float64)
     x, y = x - images.centre[0], y - images.centre[1]
-    left, top, right, bottom = np.array(images.bounds) + np.array([REACH, REACH, -REACH, -REACH])
+    left, top, right, bottom = images.sampled_bounds
     shown = np.zeros(images.shape)
     for s, s_y, t in zip(view.s, view.s_y, view.t, strict=True):
         scale = 1.0 / (1.0 + t * d * q_z / images.focal)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scenetruth.estimators.channel_noise import CorrelatedNoise
 from scenetruth.estimators.refined.acquisition import PosePriors
-from scenetruth.estimators.refined.kernels.warp import CUBIC, QUINTIC, ImageView
+from scenetruth.estimators.refined.kernels.warp import CUBIC, QUINTIC, REACH, ImageView
 from scenetruth.estimators.refined.lens_distortion import Lens
 from scenetruth.estimators.refined.noise_estimation import (
     EVEN,
@@ -213,6 +213,12 @@ class ImageStack:
         """First column and row, and last column and row, of the images, counted from the first pixel of the region."""
         (left, top), (height, width) = self.corner, self.whole_shape
         return -left, -top, width - 1 - left, height - 1 - top
+
+    @property
+    def sampled_bounds(self) -> tuple[int, int, int, int]:
+        """As ``bounds``, of the places at which splines have all their samples."""
+        left, top, right, bottom = self.bounds
+        return left + REACH, top + REACH, right - REACH, bottom - REACH
 
     @property
     def channels(self) -> int:

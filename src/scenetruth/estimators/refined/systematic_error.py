@@ -29,7 +29,6 @@ from scenetruth.estimators.refined.growth_comparison import compare_growth
 from scenetruth.estimators.refined.image_stack import ImageStack
 from scenetruth.estimators.refined.initialisation import fill_gaps
 from scenetruth.estimators.refined.iterations import RefinedState, fit_final, fit_round, is_valid_step, select_models
-from scenetruth.estimators.refined.kernels.warp import REACH
 from scenetruth.estimators.refined.kernels.window_solver import EVERY_VARIANCE, FULL, TOLD, Fit
 from scenetruth.estimators.refined.kernels.window_sums import NO_MODEL
 from scenetruth.estimators.refined.lattice import sample_step
@@ -217,7 +216,7 @@ def sees_second_camera(images: ImageStack, theta: Map, sigma_px: float) -> Mask:
     from scipy.ndimage import gaussian_filter
 
     height, width = images.shape
-    left, top, right_end, bottom = np.array(images.bounds) + np.array([REACH, REACH, -REACH, -REACH])
+    left, top, right_end, bottom = images.sampled_bounds
     if len(images.positions) != 2:
         return np.ones(images.shape, dtype=np.bool_)
     y, x = np.mgrid[:height, :width].astype(np.float64)
